@@ -84,14 +84,21 @@ def test_what_asks_for_more_competes_where_it_tells_more(extra: int, gain: float
     assert (other.confidence > 0.2) is not needless
 
 
-def test_a_finding_that_held_out_data_cannot_show_is_ambiguous(arm: tuple[ident.Robot, dict[str, Array]]) -> None:
-    """Held-out data in which the joint hardly moves say nothing of its friction."""
+@pytest.fixture(scope="module")
+def one_sided(arm: tuple[ident.Robot, dict[str, Array]]) -> Case:
+    """Friction of a joint differs by direction, and so it is found."""
     robot, drive = arm
     effect = ident.make_effect("asymmetric_coulomb", joints=[robot.joint_names[1]], label="+")
     (case,) = cases(arm, [(effect, np.array([0.8 * float(drive["Fc"][1])]))], [112])
     found = diagnosed(case)
-    still = np.where(np.arange(robot.n) == 1, np.mean(case.held.q, axis=0), case.held.q)
     assert found.verdict is Verdict.EXPLAINED, str(found)
+    return case
+
+
+def test_a_finding_that_held_out_data_cannot_show_is_ambiguous(one_sided: Case) -> None:
+    """Held-out data in which the joint hardly moves say nothing of its friction."""
+    case, robot = one_sided, one_sided.robot
+    still = np.where(np.arange(robot.n) == 1, np.mean(case.held.q, axis=0), case.held.q)
     ((side, tau),) = case.held.tau.items()
     before = ident.fit(case.log, robot, model=case.model, held=0)
     resting = replace(case.held, q=still, tau={side: np.where(np.arange(robot.n) == 1, np.mean(tau, axis=0), tau)})
@@ -99,14 +106,11 @@ def test_a_finding_that_held_out_data_cannot_show_is_ambiguous(arm: tuple[ident.
     assert other.verdict is not Verdict.EXPLAINED, str(other)
 
 
-def test_a_finding_of_another_size_on_held_out_data_is_ambiguous(arm: tuple[ident.Robot, dict[str, Array]]) -> None:
+def test_a_finding_of_another_size_on_held_out_data_is_ambiguous(arm: tuple[ident.Robot, dict[str, Array]], one_sided: Case) -> None:
     """Three quarters of it act there: too much to rule it out, too little to be what was found."""
-    robot, drive = arm
-    effect = ident.make_effect("asymmetric_coulomb", joints=[robot.joint_names[1]], label="+")
-    size = 0.8 * float(drive["Fc"][1])
-    whole, less = (cases(arm, [(effect, np.array([share * size]))], [112])[0] for share in (1.0, 0.75))
-    assert diagnosed(whole).verdict is Verdict.EXPLAINED
-    found = diagnosed(replace(whole, held=less.held))
+    (effect,), sizes = one_sided.missing, np.asarray(one_sided.sizes)
+    (less,) = cases(arm, [(effect, 0.75 * sizes)], [112])
+    found = diagnosed(replace(one_sided, held=less.held))
     assert found.verdict is Verdict.AMBIGUOUS, str(found)
     (finding,) = found.findings
     assert finding.presence[0] == pytest.approx(0.75, abs=0.1)
