@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drive_pendulum import INERTIA, WEIGHT, model_of, pendulum
 from rigid_models import needs_native
 
 import ident
@@ -23,17 +24,11 @@ pytestmark = needs_native
 
 TRUTH = {"kp": 20.0, "ki": 40.0, "kd": 0.8, "Ia": 0.012, "Fv": 0.08, "Fc": 0.15, "delay": 0.006, "offset": 0.0}
 KNOWN = {"kp": 20.0, "kd": 0.8, "ki": 40.0}
-#: Of the pendulum's link about its joint (kg m²), and its weight's torque (N m) when it is level.
-_INERTIA, _WEIGHT = 0.002 + 0.6 * 0.2**2, 0.6 * 0.2 * 9.81
 
 
 @pytest.fixture(scope="module")
 def robot():
-    return ident.Robot.from_urdf(PENDULUM)
-
-
-def model_of(robot):
-    return robot.rigid_body() + ident.friction.RotorInertia() + ident.friction.Viscous() + ident.friction.Coulomb()
+    return pendulum()
 
 
 def run(sent: np.ndarray, rate: int, *, limit: float = np.inf, off: tuple[float, float] = (0.0, 0.0), start: float = 0.0, **other: float):
@@ -42,7 +37,7 @@ def run(sent: np.ndarray, rate: int, *, limit: float = np.inf, off: tuple[float,
     own = TRUTH | other
     every = 50_000 // rate
     h, late = 1.0 / (rate * every), round(own["delay"] * rate * every)
-    inertia, q, dq, wound, out = _INERTIA + own["Ia"], 0.0, 0.0, start, []
+    inertia, q, dq, wound, out = INERTIA + own["Ia"], 0.0, 0.0, start, []
     for k in range(len(sent) * every):
         on = not off[0] <= (k // every) / rate < off[1]
         wound *= on
@@ -53,7 +48,7 @@ def run(sent: np.ndarray, rate: int, *, limit: float = np.inf, off: tuple[float,
         given = min(max(asked, -limit), limit)
         if given == asked or error * asked < 0.0:
             wound += h * own["ki"] * error
-        torque = on * given - own["Fv"] * dq - own["offset"] - _WEIGHT * np.sin(q)
+        torque = on * given - own["Fv"] * dq - own["offset"] - WEIGHT * np.sin(q)
         moved, most = dq + h * torque / inertia, h * own["Fc"] / inertia
         dq = 0.0 if abs(moved) <= most else moved - (most if moved > 0.0 else -most)
         q += h * dq
@@ -111,7 +106,7 @@ def test_unknown_gains_have_the_scale_of_the_urdf(robot):
 def test_without_a_known_load_everything_is_over_kp(robot):
     fit = fitted(robot, driven(2), kp="identify", kd="identify", ki="identify", links="identify")
     for expression, true in (
-        ("(Iyy_joint1 + Ia_joint1) / kp_joint1", (_INERTIA + 0.012) / 20.0),
+        ("(Iyy_joint1 + Ia_joint1) / kp_joint1", (INERTIA + 0.012) / 20.0),
         ("(Fv_joint1 + kd_joint1) / kp_joint1", 0.88 / 20.0),
         ("Fc_joint1 / kp_joint1", 0.15 / 20.0),
         ("ki_joint1 / kp_joint1", 2.0),

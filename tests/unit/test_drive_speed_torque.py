@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from drive_pendulum import INERTIA, WEIGHT, model_of, pendulum
 from rigid_models import needs_native
 
 import ident
@@ -16,24 +17,18 @@ pytestmark = needs_native
 
 TRUTH = {"kp": 25.0, "kd": 0.8, "Ia": 0.012, "Fv": 0.08, "Fc": 0.15, "delay": 0.006, "limit": 4.0, "v0": 6.0}
 KNOWN = {"kp": 25.0, "kd": 0.8, "effort_limit": 4.0}
-#: Of the pendulum's link about its joint (kg m²), and its weight's torque (N m) when it is level.
-_INERTIA, _WEIGHT = 0.002 + 0.6 * 0.2**2, 0.6 * 0.2 * 9.81
 
 
 @pytest.fixture(scope="module")
 def robot():
-    return ident.Robot.from_urdf(PENDULUM)
-
-
-def model_of(robot):
-    return robot.rigid_body() + ident.friction.RotorInertia() + ident.friction.Viscous() + ident.friction.Coulomb()
+    return pendulum()
 
 
 def run(sent: np.ndarray, rate: int, ki: float = 0.0) -> np.ndarray:
     """Position, speed, torque of the drive and whether it is at its limit (4, N) at the samples, in steps of 20 µs."""
     every = 50_000 // rate
     h, late = 1.0 / (rate * every), round(TRUTH["delay"] * rate * every)
-    inertia, limit, v0, q, dq, wound, out = _INERTIA + TRUTH["Ia"], TRUTH["limit"], TRUTH["v0"], 0.0, 0.0, 0.0, []
+    inertia, limit, v0, q, dq, wound, out = INERTIA + TRUTH["Ia"], TRUTH["limit"], TRUTH["v0"], 0.0, 0.0, 0.0, []
     for k in range(len(sent) * every):
         error = sent[max(k - late, 0) // every] - q
         asked = TRUTH["kp"] * error - TRUTH["kd"] * dq + wound
@@ -43,7 +38,7 @@ def run(sent: np.ndarray, rate: int, ki: float = 0.0) -> np.ndarray:
             wound += h * ki * error
         if k % every == 0:
             out.append((q, dq, given, float(given != asked)))
-        torque = given - TRUTH["Fv"] * dq - _WEIGHT * np.sin(q)
+        torque = given - TRUTH["Fv"] * dq - WEIGHT * np.sin(q)
         moved, most = dq + h * torque / inertia, h * TRUTH["Fc"] / inertia
         dq = 0.0 if abs(moved) <= most else moved - (most if moved > 0.0 else -most)
         q += h * dq

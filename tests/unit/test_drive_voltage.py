@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drive_pendulum import INERTIA, WEIGHT, model_of, pendulum
 from rigid_models import needs_native
 
 import ident
@@ -17,17 +18,11 @@ pytestmark = needs_native
 
 #: s (N m/V), back-EMF (N m s/rad), rotor inertia, viscous and dry friction, delay.
 TRUTH = {"s": 0.3, "ke": 0.1, "Ia": 0.012, "Fv": 0.08, "Fc": 0.15, "delay": 0.006}
-#: Of the pendulum's link about its joint (kg m²), and its weight's torque (N m) when it is level.
-_INERTIA, _WEIGHT = 0.002 + 0.6 * 0.2**2, 0.6 * 0.2 * 9.81
 
 
 @pytest.fixture(scope="module")
 def robot():
-    return ident.Robot.from_urdf(PENDULUM)
-
-
-def model_of(robot):
-    return robot.rigid_body() + ident.friction.RotorInertia() + ident.friction.Viscous() + ident.friction.Coulomb()
+    return pendulum()
 
 
 def voltages(seed: int, seconds: float, rate: int) -> np.ndarray:
@@ -44,14 +39,14 @@ def driven(seed: int = 0, *, seconds: float = 6.0, rate: int = 200, noise: float
     """A log of the pendulum under voltages, integrated in steps of 20 µs; for the last `off` seconds the drive is switched off."""
     sent, every = voltages(seed, seconds, rate), 50_000 // rate
     h, late = 1.0 / (rate * every), round(TRUTH["delay"] * rate * every)
-    inertia, q, dq, out = _INERTIA + TRUTH["Ia"], 0.0, 0.0, []
+    inertia, q, dq, out = INERTIA + TRUTH["Ia"], 0.0, 0.0, []
     enabled = np.arange(len(sent)) < (seconds - off) * rate
     for k in range(len(sent) * every):
         if k % every == 0:
             out.append(q)
         on = enabled[k // every]
         volt = min(max(sent[max(k - late, 0) // every], -limit), limit)
-        torque = on * (TRUTH["s"] * volt - TRUTH["ke"] * dq) - TRUTH["Fv"] * dq - _WEIGHT * np.sin(q)
+        torque = on * (TRUTH["s"] * volt - TRUTH["ke"] * dq) - TRUTH["Fv"] * dq - WEIGHT * np.sin(q)
         moved, most = dq + h * torque / inertia, h * TRUTH["Fc"] / inertia
         dq = 0.0 if abs(moved) <= most else moved - (most if moved > 0.0 else -most)
         q += h * dq
@@ -93,7 +88,7 @@ def test_without_a_known_load_everything_is_over_the_scale(robot):
     fit = fitted(robot, driven(2), links="identify")
     told = {c.expression: c for c in fit.determination.combinations}
     for expression, true in (
-        ("(Iyy_joint1 + Ia_joint1) / s_joint1", (_INERTIA + 0.012) / 0.3),
+        ("(Iyy_joint1 + Ia_joint1) / s_joint1", (INERTIA + 0.012) / 0.3),
         ("(Fv_joint1 + ke_joint1) / s_joint1", 0.18 / 0.3),
         ("Fc_joint1 / s_joint1", 0.15 / 0.3),
     ):
