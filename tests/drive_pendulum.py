@@ -1,9 +1,17 @@
-"""The pendulum whose drives are tested: its robot, its declared model, and what its link weighs."""
+"""The pendulum whose drives are tested: its robot, its declared model, what its link weighs, and lanes of it and of coupled joints."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import numpy as np
+
 import ident
 from benchmarks.actuators.commanded import PENDULUM
+from ident.drives.links import KnownLinks
+
+Array = np.ndarray
+LANES = 4
 
 #: Of the link about its joint (kg m²), and its weight's torque (N m) when it is level.
 INERTIA, WEIGHT = 0.002 + 0.6 * 0.2**2, 0.6 * 0.2 * 9.81
@@ -16,3 +24,22 @@ def pendulum() -> ident.Robot:
 def model_of(robot: ident.Robot) -> ident.Model:
     """Rigid body, rotor, and friction."""
     return robot.rigid_body() + ident.friction.RotorInertia() + ident.friction.Viscous() + ident.friction.Coulomb()
+
+
+class CoupledLinks:
+    """Joints under inertia that couples them, and weights."""
+
+    def __init__(self, inertia: Array) -> None:
+        self.inertia = inertia
+
+    def terms(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        return self.inertia, 0.5 * np.sin(q) + 0.01 * dq
+
+
+def lanes_of(joints: int, rng: np.random.Generator) -> tuple[KnownLinks | CoupledLinks, Callable[[float], Array]]:
+    """Links of one joint, or coupled ones of several; and random values (lanes, joints) about a size."""
+    root = 0.3 * rng.normal(size=(LANES, joints, joints))
+    inertia = root @ np.swapaxes(root, 1, 2) / joints + 0.05 * np.eye(joints)
+    robot = pendulum()
+    links = KnownLinks(robot, robot.nominal) if joints == 1 else CoupledLinks(inertia)
+    return links, lambda size: size * rng.uniform(0.5, 1.5, (LANES, joints))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drive_pendulum import INERTIA, WEIGHT, model_of, pendulum
+from drive_pendulum import INERTIA, LANES, WEIGHT, lanes_of, model_of, pendulum
 from rigid_models import needs_native
 
 import ident
@@ -288,16 +288,8 @@ def test_the_compiled_step_integrates_as_the_plain_one_does(monkeypatch, joints,
     """At the limit, switched off, behind a spring, one joint from beginning to end and several step by step."""
     pytest.importorskip("ident._native._recursions", reason="the compiled recursions were not built")
     rng = np.random.default_rng(6)
-    lanes, n, steps, h = 4, joints, 500, 0.002
-    robot = ident.Robot.from_urdf(PENDULUM)
-    root = 0.3 * rng.normal(size=(lanes, n, n))
-    H = root @ np.swapaxes(root, 1, 2) / n + 0.05 * np.eye(n)
-
-    class Links:
-        def terms(self, q, dq):
-            return H, 0.5 * np.sin(q) + 0.01 * dq
-
-    some = lambda size: size * rng.uniform(0.5, 1.5, (lanes, n))  # noqa: E731
+    lanes, n, steps, h = LANES, joints, 500, 0.002
+    links, some = lanes_of(n, rng)
     none = np.zeros((lanes, n))
     drives = simulate.LaneDrives(
         armature=some(0.02), viscous=some(0.1), dry=some(0.2), load=none, excess=none, fall=some(0.5), offset=some(0.1), kp=some(20.0),
@@ -307,7 +299,6 @@ def test_the_compiled_step_integrates_as_the_plain_one_does(monkeypatch, joints,
     wanted = np.sin(6.0 * time + rng.uniform(0.0, 6.0, (lanes, n)))
     strength = np.where((time > 0.5) & (time < 0.6), 0.0, 1.0) * np.ones_like(wanted)
     integrals = simulate.LaneIntegrals(some(30.0), wanted, some(0.5))
-    links = KnownLinks(robot, robot.nominal) if n == 1 else Links()
     groups, target, q = [slice(j, j + 1) for j in range(n)], drives.kp * wanted, none
     if elastic:
         links = ElasticLinks(links, 1, np.array([0]), some(200.0), some(0.1))
