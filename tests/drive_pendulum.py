@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -24,6 +25,14 @@ def pendulum() -> ident.Robot:
 def model_of(robot: ident.Robot) -> ident.Model:
     """Rigid body, rotor, and friction."""
     return robot.rigid_body() + ident.friction.RotorInertia() + ident.friction.Viscous() + ident.friction.Coulomb()
+
+
+def written(folder: Path, logs: dict[str, ident.Log]) -> None:
+    """The pendulum's URDF, and its logs as `name`.csv."""
+    (folder / "pendulum.urdf").write_text(PENDULUM)
+    for name, log in logs.items():
+        rows = np.column_stack([log.t, log.q, log.extra["q_cmd1"]])
+        np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header="time_s,q1_rad,q_cmd1_rad", comments="")
 
 
 class CoupledLinks:

@@ -188,7 +188,7 @@ class SimulatedSearch:
     def _scaled(self, values: Array, scale: str) -> list[Array]:
         """Directions (p,) of all torque of a joint by one factor, or of a branch with its links, where its `scale` is unknown."""
         unknown, out = self.plant.unknowns, []
-        apart = {"delay_s", "load", "gear_loss", "gear_loss_slow", "slow_speed", "no_load_speed"}
+        apart = {"delay_s", "command_lag_s", "load", "gear_loss", "gear_loss_slow", "slow_speed", "no_load_speed"}
         apart |= {"kp", "kd", "ki", "integral_start", "effort_limit"} if scale == "torque_scale" else {"torque_scale"}
         torque = [i for i, u in enumerate(unknown) if u.place not in apart]
         branches = self.plant.branches

@@ -68,6 +68,8 @@ def in_mujoco(text: str, log: DriveLog, joints: tuple[str, ...], step: float = S
     data.qpos[where], data.qvel[moving] = log.origin, log.start
     sent = _sent(model, log, joints)
     for i in range(model.nu):
+        if model.actuator_actadr[i] >= 0:
+            data.act[model.actuator_actadr[i]] = sent[0, i]
         if model.actuator_delay[i] > 0:
             count = int(model.actuator_history[i, 0])
             mujoco.mj_initCtrlHistory(model, data, i, None, np.full((count, 1), sent[0, i]))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from drive_pendulum import INERTIA, LANES, WEIGHT, lanes_of, model_of, pendulum
+from drive_pendulum import INERTIA, LANES, WEIGHT, lanes_of, model_of, pendulum, written
 from rigid_models import needs_native
 
 import ident
-from benchmarks.actuators.commanded import PENDULUM, command
+from benchmarks.actuators.commanded import command
 from ident.drives import DriveFit, DriveLaw, fit_drives, simulate
 from ident.drives.links import ElasticLinks, KnownLinks
 from ident.drives.torque import with_torque
@@ -185,11 +185,7 @@ def test_what_is_refused(robot):
 
 
 def test_from_a_study_to_simulators(tmp_path, ident):
-    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
-    for name, seed in (("train", 1), ("held", 2)):
-        log = driven(seed)
-        rows = np.column_stack([log.t, log.q, log.extra["q_cmd1"]])
-        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="time_s,q1_rad,q_cmd1_rad", comments="")
+    written(tmp_path, {"train": driven(1), "held": driven(2)})
     (tmp_path / "study.toml").write_text(
         '[robot]\nurdf = "pendulum.urdf"\n[drive]\nlaw = "pd_position"\nkp = 25.0\nkd = 0.8\neffort_limit = 4.0\n'
         'no_load_speed = "identify"\n'
