@@ -180,6 +180,8 @@ def separated_by(members: Sequence[Unknown]) -> str:
         advice.append("free swings with the torque switched off (torque_enable 0)")
     if places & {"delay_s", "command_lag_s"}:
         advice.append("step commands, or commands of a wider bandwidth")
+    if "deadband" in places:
+        advice.append("deadband from the drive's settings, or larger and faster motion")
     if "integral_start" in places:
         advice.append("a log that begins where the drive is switched on, with integral_start = 0")
     if "link" in places or ("offset" in places and "integral_start" not in places):

@@ -15,7 +15,7 @@ from .unknowns import Unknown
 Array = np.ndarray
 #: Where unknowns trade with each other, these are held first: what stays is then named after the physics, not after the drive.
 _HELD_FIRST = (
-    "integral_start", "feed_forward", "kd", "kp", "ki", "torque_scale", "back_emf", "command_lag_s", "delay_s", "joint_damping",
+    "integral_start", "feed_forward", "deadband", "kd", "kp", "ki", "torque_scale", "back_emf", "command_lag_s", "delay_s", "joint_damping",
     "joint_stiffness", "slow_speed", "gear_loss_slow", "gear_loss_square", "gear_loss", "spring", "excess", "load", "no_load_speed",
     "effort_limit", "offset", "armature", "viscous", "dry", "link",
 )  # fmt: skip

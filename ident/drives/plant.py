@@ -135,6 +135,13 @@ class DrivePlant:
         H[:, diagonal, diagonal] += drive["armature"]
         return np.asarray(np.linalg.eigvalsh(0.5 * (H + np.swapaxes(H, 1, 2))).min(axis=1) > 0.0)
 
+    def stiffness(self, values: Array) -> Array:
+        """Torque of each drive (n,) per rad of error, in the first log, at values (p,) of the unknowns."""
+        log = self.logs[0]
+        constants, _, _ = self._split(log, values[None])
+        volts = log.supply.mean(axis=0) if self.law.kind == "pwm" and log.supply is not None else 1.0
+        return np.asarray((constants["torque_scale"] * constants["kp"])[0] * volts)
+
     def _step(self) -> float:
         """Seconds of a step: a whole number of them in a sample, where the logs agree on one."""
         periods = [log.period for log in self.logs]
@@ -171,7 +178,7 @@ class DrivePlant:
         constants, drive, inertial = self._split(log, sets)
         lanes, n = len(sets), self.robot.n
         target = np.empty((count, lanes, n))
-        wanted = np.empty_like(target) if np.any(self.law.integrates) else None
+        wanted = np.empty_like(target) if np.any(self.law.integrates | self.law.deadbands) else None
         form = self.law.for_log(log.name).command
         edges = np.arange(count + 1) * h
         plans: dict[bytes, tuple[Array, ...]] = {}
@@ -192,6 +199,8 @@ class DrivePlant:
                 fall[:, effect.at(self.robot)] = effect.v_s
         kept = {key: constants[key] for key in ("kp", "kd", "back_emf")} | {key: constants[name] for key, name in _GEAR.items()}
         whole = {**drive, **kept, "fall": fall, "limit": constants["effort_limit"]}
+        if np.any(self.law.deadbands):
+            whole["band"] = constants["deadband"]
         if np.any(self.law.droops):
             whole["droop"] = np.nan_to_num(whole["limit"] / np.maximum(constants["no_load_speed"], 1e-9), nan=0.0)
         return _Lanes(

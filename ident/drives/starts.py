@@ -102,6 +102,7 @@ def _start(
         "delay_s": np.full(plant.robot.n, max(late * logs[0].period, 1e-3)),
         "effort_limit": 0.9 * np.maximum(torque / scale if sent else torque, 1e-3) * 3,
         "torque_scale": scale, "back_emf": friction * torque / rate, "ki": stiff / integral_s, "command_lag_s": np.full(plant.robot.n, lag),
+        "deadband": 0.2 * error,
         "no_load_speed": 3.0 * rate,
     }  # fmt: skip
     if plant.law.kind == "pwm" and np.isnan(known).any():

@@ -56,7 +56,7 @@ def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
     speed = np.gradient(seen.q, seen.t, axis=0) if read is None else read
     position, rate, forward = _late(seen.t, seen, law)
     constants = law.constants
-    asked = constants["kp"] * (position - seen.q) + constants["kd"] * (rate - speed) + constants["feed_forward"] * forward
+    asked = constants["kp"] * _felt(constants, position - seen.q) + constants["kd"] * (rate - speed) + constants["feed_forward"] * forward
     asked = asked + _integral(seen, law, speed) if law.integrates.any() else asked
     strength = constants["torque_scale"] * (seen.supply if law.kind == "pwm" and seen.supply is not None else 1.0)
     torque = strength * asked - constants["back_emf"] * speed
@@ -70,6 +70,11 @@ def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
         else ()
     )
     return replace(log, tau={"joint": torque}, notes=(*log.notes, said, *more), hint="")
+
+
+def _felt(constants: Mapping[str, Array], error: Array) -> Array:
+    """An error of position as the drive takes it, beyond its deadband."""
+    return error - np.clip(error, -constants["deadband"], constants["deadband"])
 
 
 def _limit(constants: Mapping[str, Array], along: Array) -> Array:
@@ -87,9 +92,9 @@ def _integral(log: DriveLog, law: DriveLaw, speed: Array) -> Array:
     q, dq = (np.stack([np.interp(at, log.t, own) for own in x.T], axis=1) for x in (log.q, speed))
     sent, *commands = _pieces(at, log, law)
     on = log.enabled[np.searchsorted(log.t, at, side="right") - 1] > 0.0
-    change = c["ki"] * np.diff(at)[:, None] * (sent - 0.5 * (q[1:] + q[:-1]))
+    change = c["ki"] * np.diff(at)[:, None] * _felt(c, sent - 0.5 * (q[1:] + q[:-1]))
     asked, then = (
-        c["kp"] * (position - q[k]) + c["kd"] * (rate - dq[k]) + c["feed_forward"] * forward
+        c["kp"] * _felt(c, position - q[k]) + c["kd"] * (rate - dq[k]) + c["feed_forward"] * forward
         for k, (position, rate, forward) in zip((slice(-1), slice(1, None)), commands, strict=True)
     )
     out = np.empty_like(q)

@@ -32,6 +32,7 @@ _UNITS = {
     "effort_limit": ("N m", "N"),
     "delay_s": ("s", "s"),
     "command_lag_s": ("s", "s"),
+    "deadband": ("rad", "m"),
 }
 
 
