@@ -36,10 +36,15 @@ class Instrument:
     band_hz: float
     narrower: Mapping[str, float] = field(default_factory=dict)
 
-    def __str__(self) -> str:
+    @property
+    def motion(self) -> str:
+        """Which motion it is, in words."""
         what = "the desired motion" if self.kind == "q_ref" else "the measured motion"
         apart = f" ({', '.join(f'{joint} below {hz:.2g} Hz' for joint, hz in self.narrower.items())})" if self.narrower else ""
-        return f"instrument: {what} below {self.band_hz:.2g} Hz{apart}; faster motion responds to disturbances and is not used to decide"
+        return f"{what} below {self.band_hz:.2g} Hz{apart}"
+
+    def __str__(self) -> str:
+        return f"instrument: {self.motion}; faster motion responds to disturbances and is not used to decide"
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON has it."""
