@@ -12,7 +12,8 @@ Array = np.ndarray
 MASSES = (8.0, 2.0)
 RATE, SECONDS = 250.0, 60.0
 GANTRY = f"""<robot name="gantry"><link name="base"/>
-<link name="beam"><inertial><mass value="{MASSES[0] - MASSES[1]}"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+<link name="beam"><inertial><mass value="{MASSES[0] - MASSES[1]}"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
 <link name="cart"><inertial><mass value="{MASSES[1]}"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
 <joint name="x" type="prismatic"><parent link="base"/><child link="beam"/><axis xyz="1 0 0"/>
 <limit lower="-9" upper="9" velocity="9" effort="900"/></joint>
