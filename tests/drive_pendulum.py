@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import numpy as np
 
 import ident
 from benchmarks.actuators.commanded import PENDULUM
+from ident.drives import DriveFit
 from ident.drives.links import KnownLinks
 
 Array = np.ndarray
@@ -24,6 +26,26 @@ def pendulum() -> ident.Robot:
 def model_of(robot: ident.Robot) -> ident.Model:
     """Rigid body, rotor, and friction."""
     return robot.rigid_body() + ident.friction.RotorInertia() + ident.friction.Viscous() + ident.friction.Coulomb()
+
+
+def written(folder: Path, logs: dict[str, ident.Log]) -> None:
+    """The pendulum's URDF, and its logs as `name`.csv."""
+    (folder / "pendulum.urdf").write_text(PENDULUM)
+    for name, log in logs.items():
+        rows = np.column_stack([log.t, log.q, log.extra["q_cmd1"]])
+        np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header="time_s,q1_rad,q_cmd1_rad", comments="")
+
+
+def astray(fit: DriveFit, truth: Mapping[str, float]) -> list[str]:
+    """Names of what a fit does not determine, or determines more than four standard deviations from the truth."""
+    at = {name: fit.names.index(name) for name in truth}
+    return [name for name, true in truth.items() if not abs(fit.values[at[name]] - true) < 4.0 * _std(fit, at[name])]
+
+
+def _std(fit: DriveFit, i: int) -> float:
+    """NaN where there is none."""
+    std = float(fit.determination.std[i])
+    return std if np.isfinite(std) else np.nan
 
 
 class CoupledLinks:

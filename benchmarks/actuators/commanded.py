@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
 import ident
 from ident.robots.library.nominal import nominal_values
@@ -50,6 +51,15 @@ def command(seed: int, seconds: float, rate: float, n: int, rest: float = 0.5) -
     return out
 
 
+def smoothed(held: np.ndarray, lag: float) -> np.ndarray:
+    """Commands (N, n) of each instant of the drive after a first-order filter of time constant `lag` (s), as it is halfway through it."""
+    if lag == 0.0:
+        return held
+    kept, half = (float(np.exp(-share / (lag * DRIVE_HZ))) for share in (1.0, 0.5))
+    found, _ = lfilter([0.0, 1.0 - kept], [1.0, -kept], held, axis=0, zi=held[:1])
+    return np.asarray(held + half * (found - held))
+
+
 @contextmanager
 def compiled_kernel() -> Iterator[None]:
     """The compiled kernel, whichever IDENT_KERNEL asks for: half a million instants of a drive take NumPy minutes. What is fitted to such
@@ -68,8 +78,9 @@ def commanded_log(
     robot: ident.Robot, truth: Mapping[str, Any], *, seed: int = 0, seconds: float = 5.0, rate: int = 100, noise: float = 5e-4,
     speed_command: bool = False, name: str = "run", before: float = 0.0,
 ) -> ident.Log:  # fmt: skip
-    """A log of positions and commands. `truth`: Ia, Fv, Fc, offset, kp, kd and limit, a number or one per joint each, and delay.
-    `before`: seconds at rest that are not in the log; without, the joints drop from zero where gravity pulls."""
+    """A log of positions and commands. `truth`: Ia, Fv, Fc, offset, kp, kd and limit, a number or one per joint each, delay, and lag, the
+    time constant of the filter that smooths the commands (s). `before`: seconds at rest that are not in the log; without, the joints drop
+    from zero where gravity pulls."""
     model = robot.rigid_body() + ident.friction.RotorInertia() + ident.friction.Viscous() + ident.friction.Coulomb()
     model = model + ident.make_effect("offset")
     values = nominal_values(model)
@@ -85,7 +96,8 @@ def commanded_log(
 
     def sent(samples: np.ndarray) -> np.ndarray:
         held = np.repeat(samples, every, axis=0)
-        return np.concatenate([np.repeat(held[:1], late, axis=0), held[: len(held) - late]])[:, None]
+        held = np.concatenate([np.repeat(held[:1], late, axis=0), held[: len(held) - late]])
+        return smoothed(held, truth.get("lag", 0.0))[:, None]
 
     dynamics = Plant(model, values).dynamics()
     with compiled_kernel():

@@ -41,12 +41,15 @@ def limb(machine: Machine, fault: str, seed: int) -> Limb:
     late = 5e-4 * int(rng.integers(8, 17))
     joint = int(rng.integers(n))
     share, hz, wrong = rng.uniform(0.1, 0.3), rng.uniform(7.0, 14.0), rng.choice([0.75, 0.8, 1.25, 1.35])
+    band = rng.uniform(0.005, 0.03)
     declared = {"kp": truth["kp"].copy(), "kd": truth["kd"].copy(), "delay_s": late}
-    truth["load"] = np.zeros(n)
+    truth["load"], truth["deadband"] = np.zeros(n), np.zeros(n)
     if fault == "kp":
         declared["kp"][joint] *= wrong
     if fault == "load_dependent_friction":
         truth["load"][joint] = share
+    if fault == "deadband":
+        truth["deadband"][joint] = band
     pin = _Pinocchio(machine)
     inertia = pin.terms(np.zeros((1, n)), np.zeros((1, n)))[0][0, joint, joint]
     stiffness = float(inertia * (2.0 * np.pi * hz) ** 2) if fault == "joint_elasticity" else 0.0
@@ -112,7 +115,9 @@ def recorded(machine: Machine, limbs: list[Limb], seeds: list[int]) -> tuple[Arr
         if k == -lead:
             twist = np.where(sprung, 0.04 * np.sqrt(spring * H[:, diagonal, diagonal]), 0.0)
         bent = spring * (q - p) + twist * (v - w)
-        drive = value["kp"] * (sent - q) - value["offset"]
+        error = sent - q
+        error = error - np.clip(error, -value["deadband"], value["deadband"])
+        drive = value["kp"] * error - value["offset"]
         # A joint with a spring: its row is the link's, which the spring pulls; its motor stands for itself.
         A = H.copy()
         A[:, diagonal, diagonal] += np.where(sprung, 0.0, value["Ia"] + half * damped)

@@ -1,7 +1,8 @@
 """Servos with a known truth for the diagnosis: written beside the product, many at a time, in steps of 0.1 ms (leapfrog).
 
 A pendulum behind a drive that holds commands of 100 Hz and acts late; friction is dry (Karnopp: it holds below its level), viscous, and
-where injected grows with the load; where injected, link and motor hang together by a spring."""
+where injected grows with the load; where injected, link and motor hang together by a spring, or small errors of position are none to the
+drive."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ URDF = f"""<robot name="servo"><link name="base"/>
     <inertia ixx="{INERTIA}" ixy="0" ixz="0" iyy="{INERTIA}" iyz="0" izz="0.0005"/></inertial></link>
   <joint name="joint1" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
     <limit lower="-3" upper="3" effort="20" velocity="30"/></joint></robot>"""
-FAULTS = ("clean", "joint_elasticity", "load_dependent_friction", "kp", "delay")
+FAULTS = ("clean", "joint_elasticity", "load_dependent_friction", "kp", "delay", "deadband")
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class Servo:
     delay: float
     load: float
     stiffness: float
+    deadband: float
     declared: dict[str, float]
 
 
@@ -48,6 +50,7 @@ def servo(fault: str, seed: int) -> Servo:
     late = 5e-4 * rng.integers(8, 17)
     plain = {"Ia": rng.uniform(0.006, 0.02), "Fv": rng.uniform(0.03, 0.15), "Fc": rng.uniform(0.05, 0.2), "offset": rng.uniform(-0.1, 0.1)}
     share, hz, wrong = rng.uniform(0.1, 0.3), rng.uniform(7.0, 14.0), rng.choice([0.75, 0.8, 1.25, 1.35])
+    band = rng.uniform(0.005, 0.03)
     inertia = MASS * LENGTH**2 + INERTIA
     return Servo(
         **plain,
@@ -56,6 +59,7 @@ def servo(fault: str, seed: int) -> Servo:
         delay=2.0 * late if fault == "delay" else late,
         load=share if fault == "load_dependent_friction" else 0.0,
         stiffness=inertia * (2.0 * np.pi * hz) ** 2 if fault == "joint_elasticity" else 0.0,
+        deadband=band if fault == "deadband" else 0.0,
         declared={"kp": kp * wrong if fault == "kp" else kp, "kd": kd, "delay_s": late},
     )
 
@@ -96,7 +100,9 @@ def recorded(servos: list[Servo], seeds: list[int], stuck: tuple[float, float] =
         q, p = q + 0.5 * STEP * v, p + 0.5 * STEP * w
         gravity = MASS * GRAVITY * LENGTH * np.sin(np.where(elastic, p, q))
         spring = value["stiffness"] * (q - p) + twist * (v - w)
-        drive = value["kp"] * (sent - q) - value["offset"] - np.where(elastic, spring, gravity)
+        error = sent - q
+        error = error - np.clip(error, -value["deadband"], value["deadband"])
+        drive = value["kp"] * error - value["offset"] - np.where(elastic, spring, gravity)
         mass, damped = rotor + np.where(elastic, 0.0, inertia), 0.5 * STEP * (value["kd"] + value["Fv"])
         level = value["Fc"] + value["load"] * np.abs(bias) + (STICKS if stuck[0] <= k * STEP < stuck[1] else 0.0)
         momentum = (mass - damped) * v + STEP * drive

@@ -69,6 +69,7 @@ struct DriveStep {
     const double *ki, *wanted;                             // of drives that integrate their error: gain, position command
     double* wound;                                         // their integral's part of the command; null where none integrates
     const double* droop;                                   // by which the limit falls with speed along the motion; null where it does not
+    const double* band;                                    // errors of position below it are none; null where there is none, else with `wanted`
 
     // What is not finite stays so, and its lane is lost.
     static double within(double x, double level) { return x > level ? level : x < -level ? -level : x; }
@@ -109,6 +110,13 @@ struct DriveStep {
             double p = kp[e], d = kd[e], whole = target[e];
             if (wound) p += half * ki[e], whole += wound[e] + half * ki[e] * wanted[e];
             double pull = whole - p * q[e];
+            if (band) {
+                // Decided by where the middle of the step will be: what is asked has no jump at the edge.
+                const double error = wanted[e] - q[e] - half * dq[e];
+                const bool inside = std::fabs(error) < band[e];
+                pull -= p * (inside ? wanted[e] - q[e] : error > 0 ? band[e] : -band[e]);
+                if (inside) p = 0.0;
+            }
             const double asked = pull - (p * half + d) * dq[e];
             if (droop && droop[e] != 0.0) {
                 const double along = dq[e] > 0 ? 1.0 : -1.0;
@@ -158,8 +166,14 @@ struct DriveStep {
     // The integral over a step to the speed `after`, but for the share of it in which the limit holds and the error would wind it further; a
     // drive that is off keeps nothing.
     void wind(int64_t e, double after) const {
-        const double moved = 0.5 * h * (dq[e] + after), change = h * ki[e] * (wanted[e] - q[e] - 0.5 * moved);
-        const double asked = target[e] + wound[e] - kp[e] * q[e] - kd[e] * dq[e], then = asked - kp[e] * moved - kd[e] * (after - dq[e]);
+        const double moved = 0.5 * h * (dq[e] + after), error = wanted[e] - q[e];
+        double change = h * ki[e] * (error - 0.5 * moved);
+        double asked = target[e] + wound[e] - kp[e] * q[e] - kd[e] * dq[e], then = asked - kp[e] * moved - kd[e] * (after - dq[e]);
+        if (band) {
+            const double width = std::fabs(band[e]);
+            change -= h * ki[e] * within(error - 0.5 * moved, width);
+            asked -= kp[e] * within(error, width), then -= kp[e] * within(error - moved, width);
+        }
         const double side = change > 0 ? 1.0 : -1.0;
         double first = side * asked - limit[e], last = side * then - limit[e];
         if (droop) {
@@ -229,22 +243,23 @@ void place(DriveStep& d, const double* c, int64_t size) {
 
 // drive_single(H (lanes, n, n), sine, cosine, stiffness, twist (lanes), constants (16, lanes, n), target (K, lanes, n), strength or None,
 //              state (5, lanes, n), out (K, lanes, n), lanes, n, K, h, beyond[, ki (lanes, n), wanted (K, lanes, n), wound (lanes, n)
-//              or None each[, droop (lanes, n)]]):
+//              or None each[, droop (lanes, n) or None[, band (lanes, n)]]]):
 //              one joint from beginning to end, its link's bias torque sine sin q + cosine cos q. n is 1, or 2 where motor and link hang
-//              together by a spring of that stiffness and damping. The last: of drives that integrate their error, and of limits that fall.
+//              together by a spring of that stiffness and damping. The last: of drives that integrate their error, of
+//              limits that fall, and of drives to which small errors are none (with ki 0 where they do not integrate).
 PyObject* call_drive_single(PyObject*, PyObject* args) {
-    PyObject* given[14] = {};
+    PyObject* given[15] = {};
     Py_ssize_t lanes, n, count;
     double h, beyond;
-    if (!PyArg_ParseTuple(args, "OOOOOOOOOOnnndd|OOOO", given, given + 1, given + 2, given + 3, given + 4, given + 5, given + 6, given + 7,
+    if (!PyArg_ParseTuple(args, "OOOOOOOOOOnnndd|OOOOO", given, given + 1, given + 2, given + 3, given + 4, given + 5, given + 6, given + 7,
                           given + 8, given + 9, &lanes, &n, &count, &h, &beyond, given + 10, given + 11, given + 12,
-                          given + 13))
+                          given + 13, given + 14))
         return nullptr;
     if (lanes < 0 || count < 0 || n < 1 || n > 2) {
         PyErr_SetString(PyExc_ValueError, "drive_single: sizes are none of one joint");
         return nullptr;
     }
-    Buffer buffers[14];
+    Buffer buffers[15];
     const int64_t size = (int64_t)lanes * n;
     DriveStep d{};
     d.lanes = lanes, d.n = d.block = n, d.sweeps = 2, d.h = h;
@@ -255,9 +270,10 @@ PyObject* call_drive_single(PyObject*, PyObject* args) {
     if (!good || !(c = buffers[5].take(given[5], 16 * size, 0)) || !(wanted = buffers[6].take(given[6], count * size, 0)) ||
         (given[7] != Py_None && !(share = buffers[7].take(given[7], count * size, 0))) ||
         !(s = buffers[8].take(given[8], 5 * size, PyBUF_WRITABLE)) || !(to = buffers[9].take(given[9], count * size, PyBUF_WRITABLE)) ||
-        (given[13] && !(d.droop = buffers[13].take(given[13], size, 0))) ||
+        (given[13] && given[13] != Py_None && !(d.droop = buffers[13].take(given[13], size, 0))) ||
         (given[12] && given[12] != Py_None && (!(d.ki = buffers[10].take(given[10], size, 0)) || !(sent = buffers[11].take(given[11], count * size, 0)) ||
-                                  !(d.wound = buffers[12].take(given[12], size, PyBUF_WRITABLE)))))
+                                  !(d.wound = buffers[12].take(given[12], size, PyBUF_WRITABLE)))) ||
+        (given[14] && d.wound && !(d.band = buffers[14].take(given[14], size, 0))))
         return nullptr;
     place(d, c, size);
     d.q = s, d.dq = s + size, d.before = s + 2 * size, d.friction = s + 3 * size, d.load = s + 4 * size;
@@ -281,19 +297,20 @@ PyObject* call_drive_single(PyObject*, PyObject* args) {
 }
 
 // drive_step(H, bias, constants (16, lanes, n), target, strength or None, state (5, lanes, n), ahead (2, lanes, n), out,
-//            lanes, n, block, sweeps, h, beyond[, ki, wanted, wound or None each[, droop]])
+//            lanes, n, block, sweeps, h, beyond[, ki, wanted, wound or None each[, droop or None[, band]]])
 PyObject* call_drive_step(PyObject*, PyObject* args) {
     PyObject *inertia, *bias, *constants, *target, *strength, *state, *ahead, *out, *ki = nullptr, *wanted = nullptr, *wound = nullptr, *droop = nullptr;
+    PyObject* band = nullptr;
     Py_ssize_t lanes, n, block, sweeps;
     double h, beyond;
-    if (!PyArg_ParseTuple(args, "OOOOOOOOnnnndd|OOOO", &inertia, &bias, &constants, &target, &strength, &state, &ahead, &out, &lanes, &n,
-                          &block, &sweeps, &h, &beyond, &ki, &wanted, &wound, &droop))
+    if (!PyArg_ParseTuple(args, "OOOOOOOOnnnndd|OOOOO", &inertia, &bias, &constants, &target, &strength, &state, &ahead, &out, &lanes, &n,
+                          &block, &sweeps, &h, &beyond, &ki, &wanted, &wound, &droop, &band))
         return nullptr;
     if (lanes < 0 || n < 1 || block < 1 || n % block != 0) {
         PyErr_SetString(PyExc_ValueError, "drive_step: joints are not in blocks of one size");
         return nullptr;
     }
-    Buffer buffers[12];
+    Buffer buffers[13];
     const int64_t size = (int64_t)lanes * n;
     DriveStep d{};
     d.lanes = lanes, d.n = n, d.block = block, d.sweeps = sweeps, d.h = h;
@@ -304,9 +321,10 @@ PyObject* call_drive_step(PyObject*, PyObject* args) {
         (strength != Py_None && !(d.strength = buffers[4].take(strength, size, 0))) ||
         !(s = buffers[5].take(state, 5 * size, PyBUF_WRITABLE)) || !(next = buffers[6].take(ahead, 2 * size, PyBUF_WRITABLE)) ||
         !(d.out = buffers[7].take(out, size, PyBUF_WRITABLE)) ||
-        (droop && !(d.droop = buffers[11].take(droop, size, 0))) ||
+        (droop && droop != Py_None && !(d.droop = buffers[11].take(droop, size, 0))) ||
         (wound && wound != Py_None && (!(d.ki = buffers[8].take(ki, size, 0)) || !(d.wanted = buffers[9].take(wanted, size, 0)) ||
-                              !(d.wound = buffers[10].take(wound, size, PyBUF_WRITABLE)))))
+                              !(d.wound = buffers[10].take(wound, size, PyBUF_WRITABLE)))) ||
+        (band && d.wound && !(d.band = buffers[12].take(band, size, 0))))
         return nullptr;
     place(d, c, size);
     double** const moved[] = {&d.q, &d.dq, &d.before, &d.friction, &d.load};

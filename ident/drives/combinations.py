@@ -178,8 +178,10 @@ def separated_by(members: Sequence[Unknown]) -> str:
         advice.append(f"{scale} from the drive's settings, a log with a known mass added, or one with current or torque")
     if {"back_emf", "viscous"} <= places:
         advice.append("free swings with the torque switched off (torque_enable 0)")
-    if "delay_s" in places:
+    if places & {"delay_s", "command_lag_s"}:
         advice.append("step commands, or commands of a wider bandwidth")
+    if "deadband" in places:
+        advice.append("deadband from the drive's settings, or larger and faster motion")
     if "integral_start" in places:
         advice.append("a log that begins where the drive is switched on, with integral_start = 0")
     if "link" in places or ("offset" in places and "integral_start" not in places):

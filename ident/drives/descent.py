@@ -166,9 +166,10 @@ class SimulatedSearch:
         return any(u.place in ("kp", "torque_scale") for u in self.plant.unknowns)
 
     def _exchanges(self, values: Array) -> list[Array]:
-        """Directions (p,) along which a motion may change next to nothing: kd or back-EMF for viscous friction, an offset for all that
-        integrals begin with, and all torque of a joint by one factor, or of a branch with its links. Differences along them are taken by
-        themselves: of those of single unknowns they would be what their errors leave, and make such unknowns seem determined."""
+        """Directions (p,) along which a motion may change next to nothing: kd or back-EMF for viscous friction, a deadband for dry
+        friction, an offset for all that integrals begin with, and all torque of a joint by one factor, or of a branch with its links.
+        Differences along them are taken by themselves: of those of single unknowns they would be what their errors leave, and make such
+        unknowns seem determined."""
         unknown, out = self.plant.unknowns, []
         places = {(u.place, u.joint): i for i, u in enumerate(unknown)}
         for (place, joint), i in places.items():
@@ -176,6 +177,12 @@ class SimulatedSearch:
                 direction = np.zeros(len(values))
                 direction[[i, viscous]] = 1.0, -1.0
                 out.append(direction * max(values[i], self.sizes[i]))
+            if place == "deadband" and (dry := places.get(("dry", joint))) is not None:
+                direction, stiff = np.zeros(len(values)), max(float(self.plant.stiffness(values)[joint]), 1e-300)
+                direction[[i, dry]] = 1.0, -stiff
+                # Dry friction below nothing is none: it gives what it has.
+                most = max(values[dry], _NARROW * self.sizes[dry]) / stiff
+                out.append(direction * min(max(values[i], self.sizes[i]), most))
         for joint in range(self.plant.robot.n):
             begun = [i for i, u in enumerate(unknown) if u.place == "integral_start" and u.joint == joint]
             if len(begun) == len(self.plant.logs) and (offset := places.get(("offset", joint))) is not None:
@@ -188,7 +195,7 @@ class SimulatedSearch:
     def _scaled(self, values: Array, scale: str) -> list[Array]:
         """Directions (p,) of all torque of a joint by one factor, or of a branch with its links, where its `scale` is unknown."""
         unknown, out = self.plant.unknowns, []
-        apart = {"delay_s", "load", "gear_loss", "gear_loss_slow", "slow_speed", "no_load_speed"}
+        apart = {"delay_s", "command_lag_s", "deadband", "load", "gear_loss", "gear_loss_slow", "slow_speed", "no_load_speed"}
         apart |= {"kp", "kd", "ki", "integral_start", "effort_limit"} if scale == "torque_scale" else {"torque_scale"}
         torque = [i for i, u in enumerate(unknown) if u.place not in apart]
         branches = self.plant.branches

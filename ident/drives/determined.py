@@ -15,9 +15,9 @@ from .unknowns import Unknown
 Array = np.ndarray
 #: Where unknowns trade with each other, these are held first: what stays is then named after the physics, not after the drive.
 _HELD_FIRST = (
-    "integral_start", "feed_forward", "kd", "kp", "ki", "torque_scale", "back_emf", "delay_s", "joint_damping", "joint_stiffness",
-    "slow_speed", "gear_loss_slow", "gear_loss_square", "gear_loss", "spring", "excess", "load", "no_load_speed", "effort_limit", "offset",
-    "armature", "viscous", "dry", "link",
+    "integral_start", "feed_forward", "deadband", "kd", "kp", "ki", "torque_scale", "back_emf", "command_lag_s", "delay_s", "joint_damping",
+    "joint_stiffness", "slow_speed", "gear_loss_slow", "gear_loss_square", "gear_loss", "spring", "excess", "load", "no_load_speed",
+    "effort_limit", "offset", "armature", "viscous", "dry", "link",
 )  # fmt: skip
 #: What bounds the torque, and is not seen where it is large.
 _LIMITS = ("effort_limit", "no_load_speed")

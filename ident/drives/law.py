@@ -30,7 +30,7 @@ _GEARED: dict[str, float | str | None] = {
     "joint_stiffness": np.inf,
     "joint_damping": 0.0,
 }
-_GEAR: dict[str, float | str | None] = {**_GEARED, "feed_forward": 1.0}
+_GEAR: dict[str, float | str | None] = {**_GEARED, "feed_forward": 1.0, "command_lag_s": 0.0}
 _DEFAULTS: dict[str, dict[str, float | str | None]] = {
     "pd_position": {"kp": None, "kd": 0.0, "delay_s": IDENTIFY, "effort_limit": np.inf, "torque_scale": 1.0, "back_emf": 0.0, **_GEAR},
     "pd_velocity": {"kp": 0.0, "kd": None, "delay_s": IDENTIFY, "effort_limit": np.inf, "torque_scale": 1.0, "back_emf": 0.0, **_GEAR},
@@ -39,15 +39,19 @@ _DEFAULTS: dict[str, dict[str, float | str | None]] = {
 }  # fmt: skip
 for _kind in ("pd_position", "pd_velocity"):
     _DEFAULTS[_kind]["no_load_speed"] = np.inf
+for _kind in ("pd_position", "pwm"):
+    _DEFAULTS[_kind]["deadband"] = 0.0
 _DEFAULTS["pid_position"] = {**_DEFAULTS["pd_position"], "ki": None, "integral_start": IDENTIFY}
 #: What a law has no place for, and with which it is the general one.
 _NO_INTEGRAL = {"ki": 0.0, "integral_start": 0.0}
 _FIXED: dict[str, dict[str, float]] = {
     "pd_position": _NO_INTEGRAL,
-    "pd_velocity": _NO_INTEGRAL,
+    "pd_velocity": {"deadband": 0.0, **_NO_INTEGRAL},
     "pwm": {"no_load_speed": np.inf, **_NO_INTEGRAL},
-    "voltage": {"kp": 0.0, "kd": 0.0, "feed_forward": 1.0, "no_load_speed": np.inf, **_NO_INTEGRAL},
+    "voltage": {"kp": 0.0, "kd": 0.0, "feed_forward": 1.0, "command_lag_s": 0.0, "deadband": 0.0, "no_load_speed": np.inf, **_NO_INTEGRAL},
 }
+#: Constants of which "identify" means one number for all joints.
+SHARED = ("delay_s", "command_lag_s")
 #: Constants that may be negative.
 _SIGNED = ("integral_start",)
 #: Laws whose logs hold a torque or a current.
@@ -86,6 +90,9 @@ _FORMS: dict[str, type[StrEnum]] = {"command": CommandForm, "velocity_command": 
 class DriveLaw:
     """τ = s (kp (q_cmd(t − d) − q) + kd (dq_cmd(t − d) − dq) + z + f tau_ff(t − d)) − back_emf dq, the bracket within ±effort_limit.
 
+    With `command_lag_s` T, q_cmd and dq_cmd here are what a first-order filter makes of the logged ones, T dy/dt = q_cmd − y, at rest
+    where a log begins; tau_ff is added behind it. With `deadband` b, an error of position counts by what it is beyond ±b.
+
     z, the integral part, is that of law "pid_position": dz/dt = ki (q_cmd(t − d) − q). It stands still while the limit holds and the
     error would wind it further, and is zero while the drive is switched off. With other laws it is zero.
 
@@ -96,16 +103,17 @@ class DriveLaw:
         voltage, s is the supply voltage times `torque_scale` (torque constant over resistance), kp in 1/rad; or "voltage": the bracket
         is the voltage u(t − d) that the drive was sent, within ±effort_limit (V), s is `torque_scale`.
     constants : mapping
-        "kp" (N m/rad), "kd" (N m s/rad), "delay_s" (s), "effort_limit" (N m), "torque_scale" (1; pwm, voltage: N m/V), "back_emf"
-        (N m s/rad) → (n,), NaN where the constant is to be identified. What a gear loses of the drive's torque τ, as dry friction:
-        `gear_loss` |τ|, `gear_loss_square` τ², `gear_loss_slow` |τ| exp(−(dq/`slow_speed`)²); 0 by default. `joint_stiffness` (N m/rad),
-        `joint_damping`: a spring between motor and link, the encoder on the motor; none by default. `feed_forward` f: the share
-        of the logged tau_ff that reaches the drive, 1 by default; 0 in a log whose tau_ff was planned and not sent. "pid_position" has
+        "kp" (N m/rad), "kd" (N m s/rad), "delay_s", "command_lag_s" (s), "deadband" (rad; both 0 by default), "effort_limit" (N m),
+        "torque_scale" (1; pwm, voltage: N m/V), "back_emf" (N m s/rad) → (n,), NaN where the constant is to be identified. What a gear
+        loses of the drive's torque τ, as dry friction: `gear_loss` |τ|, `gear_loss_square` τ², `gear_loss_slow`
+        |τ| exp(−(dq/`slow_speed`)²); 0 by default. `joint_stiffness` (N m/rad), `joint_damping`: a spring between motor and link, the
+        encoder on the motor; none by default. `feed_forward` f: the share of the logged tau_ff that reaches the drive, 1 by default; 0 in
+        a log whose tau_ff was planned and not sent. "pid_position" has
         "ki" (N m/(rad s)) and "integral_start": z (N m) where a recording begins, 0 where the drive is switched on there, of each log by
         itself where it is to be identified. `no_load_speed` v0 (rad/s; none by default, not with a voltage, which falls by back-EMF): along
         the motion the limit is effort_limit (1 − |dq| / v0), which brakes beyond v0; against it, effort_limit.
     shared : frozenset of str
-        Constants to be identified as one number for all joints.
+        Constants to be identified as one number for all joints: delay_s, command_lag_s, where they are "identify" as a whole.
     command, velocity_command
         What happens between the logged commands, and beside them.
     supply
@@ -157,7 +165,7 @@ class DriveLaw:
             if value is None and not all(key in table for table in per_log or [{}]):
                 raise ConfigurationError(f'[drive] law {kind!r} needs {key}: a number, one per joint, or "identify".')
             constants[key] = _per_joint(key, IDENTIFY if value is None else value, robot)
-            if key == "delay_s" and value == IDENTIFY:
+            if key in SHARED and isinstance(value, str):
                 shared.add(key)
         if given:
             raise unknown_name(f"constant of [drive] law {kind!r}", min(given), _DEFAULTS[kind])
@@ -193,7 +201,20 @@ class DriveLaw:
         """The law that a study's `[drive]` declares; None where its logs hold torque or current."""
         if table.law is None or table.law in MEASURED:
             return None
-        keys = ("kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", "ki", "integral_start", "no_load_speed", *_GEAR, *_FORMS)
+        keys = (
+            "kp",
+            "kd",
+            "delay_s",
+            "effort_limit",
+            "torque_scale",
+            "back_emf",
+            "ki",
+            "integral_start",
+            "no_load_speed",
+            "deadband",
+            *_GEAR,
+            *_FORMS,
+        )
         given = {key: getattr(table, key) for key in keys}
         return cls.of(robot, table.law, links=table.links or "known", by_log=table.by_log, **given)
 
@@ -216,8 +237,17 @@ class DriveLaw:
     @property
     def integrates(self) -> Array:
         """(n,) whether a joint's drive integrates its error, or may do so, in some log."""
+        return self._has("ki")
+
+    @property
+    def deadbands(self) -> Array:
+        """(n,) whether small errors are none to a joint's drive, or may be, in some log."""
+        return self._has("deadband")
+
+    def _has(self, key: str) -> Array:
+        """(n,) whether a constant is anything but 0 in some log."""
         tables = [self.constants, *(table["constants"] for table in self.by_log.values())]
-        return np.any([table["ki"] != 0.0 for table in tables if "ki" in table], axis=0)
+        return np.any([table[key] != 0.0 for table in tables if key in table], axis=0)
 
     @property
     def sends_positions(self) -> bool:

@@ -14,8 +14,9 @@ from ..errors import ConfigurationError
 from ..friction.speed import Stribeck
 from ..simulation.rigid import require_fixed_base
 from .commands import DriveLog
-from .law import CommandForm, DriveLaw
+from .law import DriveLaw
 from .links import ElasticLinks, FreeLinks, KnownLinks
+from .sent import means
 from .simulate import LaneDrives, LaneIntegrals, LinkTerms, simulated
 from .unknowns import Unknown, unknowns
 
@@ -134,6 +135,13 @@ class DrivePlant:
         H[:, diagonal, diagonal] += drive["armature"]
         return np.asarray(np.linalg.eigvalsh(0.5 * (H + np.swapaxes(H, 1, 2))).min(axis=1) > 0.0)
 
+    def stiffness(self, values: Array) -> Array:
+        """Torque of each drive (n,) per rad of error, in the first log, at values (p,) of the unknowns."""
+        log = self.logs[0]
+        constants, _, _ = self._split(log, values[None])
+        volts = log.supply.mean(axis=0) if self.law.kind == "pwm" and log.supply is not None else 1.0
+        return np.asarray((constants["torque_scale"] * constants["kp"])[0] * volts)
+
     def _step(self) -> float:
         """Seconds of a step: a whole number of them in a sample, where the logs agree on one."""
         periods = [log.period for log in self.logs]
@@ -170,14 +178,18 @@ class DrivePlant:
         constants, drive, inertial = self._split(log, sets)
         lanes, n = len(sets), self.robot.n
         target = np.empty((count, lanes, n))
-        wanted = np.empty_like(target) if np.any(self.law.integrates) else None
+        wanted = np.empty_like(target) if np.any(self.law.integrates | self.law.deadbands) else None
         form = self.law.for_log(log.name).command
+        edges = np.arange(count + 1) * h
         plans: dict[bytes, tuple[Array, ...]] = {}
         for lane in range(lanes):
-            delay = constants["delay_s"][lane]
-            if delay.tobytes() not in plans:
-                plans[delay.tobytes()] = tuple(_commanded(log.t, x, delay, h, count, form) for x in (log.q_cmd, log.dq_cmd, log.tau_ff))
-            position, rate, forward = plans[delay.tobytes()]
+            delay, lag = constants["delay_s"][lane], constants["command_lag_s"][lane]
+            key = delay.tobytes() + lag.tobytes()
+            if key not in plans:
+                # What is fed forward is added behind the filter of the commands.
+                commands = ((log.q_cmd, lag), (log.dq_cmd, lag), (log.tau_ff, np.zeros(n)))
+                plans[key] = tuple(means(log.t, x, delay, of, edges, h, form) for x, of in commands)
+            position, rate, forward = plans[key]
             if wanted is not None:
                 wanted[:, lane] = position
             target[:, lane] = constants["kp"][lane] * position + constants["kd"][lane] * rate + constants["feed_forward"][lane] * forward
@@ -187,6 +199,8 @@ class DrivePlant:
                 fall[:, effect.at(self.robot)] = effect.v_s
         kept = {key: constants[key] for key in ("kp", "kd", "back_emf")} | {key: constants[name] for key, name in _GEAR.items()}
         whole = {**drive, **kept, "fall": fall, "limit": constants["effort_limit"]}
+        if np.any(self.law.deadbands):
+            whole["band"] = constants["deadband"]
         if np.any(self.law.droops):
             whole["droop"] = np.nan_to_num(whole["limit"] / np.maximum(constants["no_load_speed"], 1e-9), nan=0.0)
         return _Lanes(
@@ -230,25 +244,6 @@ class DrivePlant:
                 at = slice(None) if unknown.joint < 0 else [unknown.joint]
                 own[:, at] = np.where(np.isnan(own[:, at]), values[:, None], own[:, at])
         return {key: np.nan_to_num(x, nan=0.0, posinf=np.inf) for key, x in constants.items()}, drive, inertial
-
-
-def _commanded(t: Array, command: Array, delay: Array, h: float, count: int, form: CommandForm) -> Array:
-    """Mean (K, n) of a delayed command (N, n) over each step."""
-    edges = np.arange(count + 1) * h
-    out = np.empty((count, command.shape[1]))
-    if not np.any(command):
-        return np.zeros_like(out)
-    held = np.concatenate([[0.0], np.diff(t)])
-    for j, values in enumerate(command.T):
-        if form == CommandForm.RAMP:
-            out[:, j] = np.interp(edges[:-1] + 0.5 * h - delay[j], t, values)
-            continue
-        # The integral of a staircase is exact between its corners; before the first sample and after the last it is held.
-        time = np.concatenate([[t[0] - 1.0 - delay[j]], t, [t[-1] + 1.0 + h]])
-        integral = np.cumsum(held * np.concatenate([[0.0], values[:-1]]))
-        total = np.concatenate([[-values[0] * (1.0 + delay[j])], integral, [integral[-1] + values[-1] * (1.0 + h)]])
-        out[:, j] = np.diff(np.interp(edges - delay[j], time, total)) / h
-    return out
 
 
 def _at(fine: Array, place: Array) -> Array:

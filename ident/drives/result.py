@@ -20,10 +20,10 @@ from ..estimate.saved import model_from_dict
 from .begun import begun
 from .commands import DriveLog
 from .determined import Determination, Standing
-from .law import IDENTIFY, DriveLaw
+from .law import IDENTIFY, SHARED, DriveLaw
 from .plant import DrivePlant
 from .text import summary
-from .unknowns import Unknown, unknowns
+from .unknowns import CONSTANTS, Unknown, unknowns
 
 if TYPE_CHECKING:
     from ..logs.log import LogSet
@@ -198,7 +198,7 @@ class DriveFit(ShortRepr):
             found = DriveLaw.of(model.robot, law.pop("law"), links=law.pop("links"), by_log=_logs(law.pop("by_log")), **_numbers(law))
             replayed = data["replay"]["heldout"]["rms"]
             values = np.array(state["values"], float)
-            found = replace(found, shared=frozenset({"delay_s"} if "delay" in state["names"] else ()))
+            found = replace(found, shared=frozenset(key for key in SHARED if CONSTANTS[key][0] in state["names"]))
             free = unknowns(model, found, [(str(log), int(joint)) for log, joint in state.get("starts", [])])
             return cls(
                 model, found, free, values, np.array(state["covariance"], float), None, np.array(data["replay"]["fit"]["rms"]),

@@ -59,6 +59,7 @@ def seen_in(log: DriveLog, law: DriveLaw) -> CommandsSeen:
     asked = np.abs(sent if law.kind == "voltage" else law.constants["kp"] * (sent - log.q) + law.constants["kd"] * log.dq_cmd)
     limit = law.constants["effort_limit"]
     known = np.isfinite(asked).all() and not np.isnan(limit).any() and not (law.integrates | law.droops).any()
+    known = known and not (law.constants["command_lag_s"].any() or law.deadbands.any())
     ideal = bool(np.ptp(step) < _IDEAL * np.median(step))
     off = float(np.mean(log.enabled < 1.0))
     saturated = float(np.mean(asked > limit)) if known else float("nan")

@@ -46,7 +46,8 @@ class LaneDrives:
     """Drive and friction of B lanes, each (B, n): `armature`, `viscous`, `dry` (level of dry friction), `load` (its growth with the
     load), `excess` (more at low speed) and `fall` (the speed at which that is gone), `offset`; `kp`, `kd`, `limit`, `back_emf`; `spring`;
     growth of dry friction with the drive's torque: `loss`, `loss_square` (with its square), `loss_slow` (more at low speed), `slow` (that
-    speed); `droop`: by which the limit falls with the speed of a joint that is driven along its motion, None where none does."""
+    speed); `droop`: by which the limit falls with the speed of a joint that is driven along its motion, None where none does; `band`:
+    errors of position that are none to the drive, None where it has none; beside integrals, whose gain may be 0: their commands count."""
 
     armature: Array
     viscous: Array
@@ -65,10 +66,11 @@ class LaneDrives:
     loss_slow: Array
     slow: Array
     droop: Array | None = None
+    band: Array | None = None
 
     def stacked(self) -> Array:
-        """Everything but the droop, (16, B, n)."""
-        return np.stack([getattr(self, part.name) for part in fields(self) if part.name != "droop"])
+        """Everything but droop and band, (16, B, n)."""
+        return np.stack([getattr(self, part.name) for part in fields(self) if part.name not in ("droop", "band")])
 
     @property
     def loaded(self) -> bool:
@@ -135,11 +137,14 @@ def _single(
 
 
 def _further(drives: LaneDrives, integrals: LaneIntegrals | None) -> tuple[Array | None, ...]:
-    """Gain, command and state of integrals, and the fall of limits, as the compiled steps take them; nothing where there are none."""
-    droop = () if drives.droop is None else (np.ascontiguousarray(drives.droop),)
+    """Gain, command and state of integrals, the fall of limits and deadbands, as the compiled steps take them; nothing where there are
+    none."""
+    droop, band = (None if x is None else np.ascontiguousarray(x) for x in (drives.droop, drives.band))
+    more = (droop,) if band is None else (droop, band)
     if integrals is None:
-        return (None, None, None, *droop) if droop else ()
-    return np.ascontiguousarray(integrals.ki), np.ascontiguousarray(integrals.wanted), np.array(integrals.start, order="C"), *droop
+        return () if droop is None else (None, None, None, droop)
+    wound = np.ascontiguousarray(integrals.ki), np.ascontiguousarray(integrals.wanted), np.array(integrals.start, order="C")
+    return wound if droop is None and band is None else (*wound, *more)
 
 
 def _compiled(
@@ -180,7 +185,8 @@ def _plain(
         M[:, diagonal, diagonal] += drives.armature
         now = None if strength is None else strength[k]
         whole, sent = (drives, target[k]) if wound is None else wound.ahead(k, target[k])
-        pull, damping = _drive(whole, sent, now, q, dq, half, limited)
+        wanted = None if integrals is None else integrals.wanted[k]
+        pull, damping = _drive(whole, sent, now, q, dq, half, limited, wanted)
         motor = np.abs(pull - (damping - drives.viscous) * dq)
         pull, damping = pull - drives.spring * q, damping + half * drives.spring
         A = M.copy()
@@ -229,10 +235,14 @@ class _Wound:
     def step(self, k: int, target: Array, strength: Array | None, q: Array, dq: Array, after: Array) -> None:
         """Integrate over a step from q, dq to the speed `after`, but for the share of it in which the limit holds and the error would wind
         it further; a drive that is off keeps nothing."""
-        own, moved = self.own, 0.5 * self.h * (dq + after)
-        change = self.h * self.ki * (self.wanted[k] - q - 0.5 * moved)
+        own, moved, error = self.own, 0.5 * self.h * (dq + after), self.wanted[k] - q
+        change = self.h * self.ki * (error - 0.5 * moved)
         asked = target + self.z - own.kp * q - own.kd * dq
         then = asked - own.kp * moved - own.kd * (after - dq)
+        if own.band is not None:
+            width = np.abs(own.band)
+            change = change - self.h * self.ki * _within(error - 0.5 * moved, width)
+            asked, then = asked - own.kp * _within(error, width), then - own.kp * _within(error - moved, width)
         limits = own.limit, own.limit
         if own.droop is not None:
             along = np.where(change > 0.0, 1.0, -1.0)
@@ -248,10 +258,15 @@ def _times(matrices: Array, vectors: Array) -> Array:
 
 
 def _drive(
-    drives: LaneDrives, target: Array, strength: Array | None, q: Array, dq: Array, half: float, limited: bool
-) -> tuple[Array, Array]:
+    drives: LaneDrives, target: Array, strength: Array | None, q: Array, dq: Array, half: float, limited: bool, wanted: Array | None
+) -> tuple[Array, Array]:  # fmt: skip
     """Torque (B, n) of the drive at q with no speed, and what damps the mean speed of the step."""
     kp, kd, pull = drives.kp, drives.kd, target - drives.kp * q
+    if drives.band is not None and wanted is not None:
+        error = wanted - q - half * dq
+        inside = np.abs(error) < drives.band
+        pull = pull - kp * np.where(inside, wanted - q, np.where(error > 0.0, drives.band, -drives.band))
+        kp = np.where(inside, 0.0, kp)
     if limited:
         asked = pull - (kp * half + kd) * dq
         droop = np.zeros_like(dq) if drives.droop is None else drives.droop

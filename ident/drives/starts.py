@@ -18,6 +18,8 @@ _FRICTION = (0.02, 0.2)
 #: Torques of drives that are sent voltages, in those that the links take along the measured motion: the rest is friction's.
 _LOADS = (1.0, 2.0, 5.0)
 _DELAYS = (0.3, 1.5)
+#: Time constants (s) from which an unknown filter of commands is guessed.
+_LAGS_S = (2e-3, 2e-2)
 #: Integral times kp / ki (s) from which unknown gains of integrals are guessed.
 _INTEGRAL_S = (0.3, 3.0)
 #: An expected value may be off by so many times its size.
@@ -38,7 +40,8 @@ def starts(plant: DrivePlant) -> tuple[Array, Array]:
     loops = loops if unknown_gain else (5.0,)
     delays = _DELAYS if plant.law.unknown("delay_s") else (0.0,)
     times = _INTEGRAL_S if plant.law.unknown("ki") else _INTEGRAL_S[:1]
-    found, large = np.swapaxes([_start(plant, inertia, *one) for one in product(loops, _FRICTION, delays, times)], 0, 1)
+    lags = _LAGS_S if plant.law.unknown("command_lag_s") else _LAGS_S[:1]
+    found, large = np.swapaxes([_start(plant, inertia, *one) for one in product(loops, _FRICTION, delays, times, lags)], 0, 1)
     sizes = np.maximum(np.min(large, axis=0), 1e-3 * np.max(large, axis=0))
     return found, np.maximum(sizes, 1e-9)
 
@@ -67,7 +70,9 @@ def moved_inertia(plant: DrivePlant) -> Array:
     return np.maximum(np.diagonal(H, axis1=1, axis2=2).mean(axis=0), _BARE)
 
 
-def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: float, integral_s: float) -> tuple[Array, Array]:
+def _start(
+    plant: DrivePlant, inertia: Array, hz: float, friction: float, late: float, integral_s: float, lag: float
+) -> tuple[Array, Array]:  # fmt: skip
     """Values and sizes (p,)."""
     logs = plant.logs
     # What is commanded while the torque is off moves nothing, and says nothing of the drive.
@@ -96,7 +101,8 @@ def _start(plant: DrivePlant, inertia: Array, hz: float, friction: float, late: 
         "feed_forward": np.ones(plant.robot.n), "excess": 0.3 * friction * torque, "kp": stiff, "kd": 0.3 * 2 * inertia * 2 * np.pi * hz,
         "delay_s": np.full(plant.robot.n, max(late * logs[0].period, 1e-3)),
         "effort_limit": 0.9 * np.maximum(torque / scale if sent else torque, 1e-3) * 3,
-        "torque_scale": scale, "back_emf": friction * torque / rate, "ki": stiff / integral_s,
+        "torque_scale": scale, "back_emf": friction * torque / rate, "ki": stiff / integral_s, "command_lag_s": np.full(plant.robot.n, lag),
+        "deadband": 0.2 * error,
         "no_load_speed": 3.0 * rate,
     }  # fmt: skip
     if plant.law.kind == "pwm" and np.isnan(known).any():

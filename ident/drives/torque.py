@@ -11,7 +11,8 @@ import numpy as np
 from ..errors import ConfigurationError, DataError
 from ..logs.log import Log, LogSet
 from .commands import DriveLog
-from .law import CommandForm, DriveLaw
+from .law import DriveLaw
+from .sent import at_instants, means
 from .simulate import held_share
 from .space import drive_logs
 
@@ -51,11 +52,11 @@ def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
     if log.q is None or not np.isfinite(log.q).all():
         raise DataError(f"log {log.name}: positions are missing; the drive law gives no torque without them.")
     (seen,) = drive_logs((log,), robot, law)
-    rate = log.velocity(robot.transmission)
-    speed = np.gradient(seen.q, seen.t, axis=0) if rate is None else rate
-    sent = {name: _late(seen.t, seen.t, x, law) for name, x in (("q", seen.q_cmd), ("dq", seen.dq_cmd), ("tau", seen.tau_ff))}
+    read = log.velocity(robot.transmission)
+    speed = np.gradient(seen.q, seen.t, axis=0) if read is None else read
+    position, rate, forward = _late(seen.t, seen, law)
     constants = law.constants
-    asked = constants["kp"] * (sent["q"] - seen.q) + constants["kd"] * (sent["dq"] - speed) + constants["feed_forward"] * sent["tau"]
+    asked = constants["kp"] * _felt(constants, position - seen.q) + constants["kd"] * (rate - speed) + constants["feed_forward"] * forward
     asked = asked + _integral(seen, law, speed) if law.integrates.any() else asked
     strength = constants["torque_scale"] * (seen.supply if law.kind == "pwm" and seen.supply is not None else 1.0)
     torque = strength * asked - constants["back_emf"] * speed
@@ -71,6 +72,11 @@ def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
     return replace(log, tau={"joint": torque}, notes=(*log.notes, said, *more), hint="")
 
 
+def _felt(constants: Mapping[str, Array], error: Array) -> Array:
+    """An error of position as the drive takes it, beyond its deadband."""
+    return error - np.clip(error, -constants["deadband"], constants["deadband"])
+
+
 def _limit(constants: Mapping[str, Array], along: Array) -> Array:
     """Limit of the command in the direction in which a joint moves at a speed `along`."""
     limit, none = constants["effort_limit"], np.isinf(constants["no_load_speed"])
@@ -84,10 +90,13 @@ def _integral(log: DriveLog, law: DriveLaw, speed: Array) -> Array:
     at = np.unique(np.concatenate([log.t, *(log.t + late for late in c["delay_s"])]))
     at = at[at <= log.t[-1]]
     q, dq = (np.stack([np.interp(at, log.t, own) for own in x.T], axis=1) for x in (log.q, speed))
-    sent, rate, forward = (_late(0.5 * (at[1:] + at[:-1]), log.t, x, law) for x in (log.q_cmd, log.dq_cmd, log.tau_ff))
+    sent, *commands = _pieces(at, log, law)
     on = log.enabled[np.searchsorted(log.t, at, side="right") - 1] > 0.0
-    change = c["ki"] * np.diff(at)[:, None] * (sent - 0.5 * (q[1:] + q[:-1]))
-    asked, then = (c["kp"] * (sent - q[k]) + c["kd"] * (rate - dq[k]) + c["feed_forward"] * forward for k in (slice(-1), slice(1, None)))
+    change = c["ki"] * np.diff(at)[:, None] * _felt(c, sent - 0.5 * (q[1:] + q[:-1]))
+    asked, then = (
+        c["kp"] * _felt(c, position - q[k]) + c["kd"] * (rate - dq[k]) + c["feed_forward"] * forward
+        for k, (position, rate, forward) in zip((slice(-1), slice(1, None)), commands, strict=True)
+    )
     out = np.empty_like(q)
     z = out[0] = np.where(on[0], c["integral_start"], 0.0)
     for k, one in enumerate(change):
@@ -97,13 +106,21 @@ def _integral(log: DriveLog, law: DriveLaw, speed: Array) -> Array:
     return out[np.searchsorted(at, log.t)]
 
 
-def _late(instants: Array, t: Array, command: Array, law: DriveLaw) -> Array:
-    """A command (N, n) as it acts at instants (K,), after the delay of each joint."""
-    out = np.empty((len(instants), command.shape[1]))
-    for j, values in enumerate(command.T):
-        at = instants - law.constants["delay_s"][j]
-        if law.command == CommandForm.RAMP:
-            out[:, j] = np.interp(at, t, values)
-        else:
-            out[:, j] = values[np.clip(np.searchsorted(t, at + 1e-9, side="right") - 1, 0, None)]
-    return out
+def _pieces(at: Array, log: DriveLog, law: DriveLaw) -> tuple[Array, tuple[Array, Array, Array], tuple[Array, Array, Array]]:
+    """Mean position command (K, n) of each piece, and the commands of position and velocity and the feed-forward at its two ends."""
+    position, rate, forward = _late(0.5 * (at[1:] + at[:-1]), log, law)
+    delay, lag = law.constants["delay_s"], law.constants["command_lag_s"]
+    if not lag.any():
+        return position, (position, rate, forward), (position, rate, forward)
+    mean = np.where(lag > 0.0, means(log.t, log.q_cmd, delay, lag, at, np.diff(at), law.command), position)
+    sent, speed, _ = _late(at, log, law)
+    ends = (slice(-1), slice(1, None))
+    first, last = ((np.where(lag > 0.0, sent[k], position), np.where(lag > 0.0, speed[k], rate), forward) for k in ends)
+    return mean, first, last
+
+
+def _late(instants: Array, log: DriveLog, law: DriveLaw) -> tuple[Array, Array, Array]:
+    """Commands of position and velocity, and feed-forward (K, n) each, as they act at instants (K,): late, and the first two smoothed."""
+    delay, lag = law.constants["delay_s"], law.constants["command_lag_s"]
+    position, rate = (at_instants(instants, log.t, x, delay, lag, law.command) for x in (log.q_cmd, log.dq_cmd))
+    return position, rate, at_instants(instants, log.t, log.tau_ff, delay, np.zeros_like(lag), law.command)

@@ -29,7 +29,8 @@ _PLACES: dict[type[Effect], str] = {
 }  # fmt: skip
 #: Constants of a law: symbol and unit.
 CONSTANTS = {
-    "kp": ("kp", "N m/rad"), "kd": ("kd", "N m s/rad"), "delay_s": ("delay", "s"), "effort_limit": ("effort_limit", "N m"),
+    "kp": ("kp", "N m/rad"), "kd": ("kd", "N m s/rad"), "delay_s": ("delay", "s"), "command_lag_s": ("lag", "s"),
+    "deadband": ("deadband", "rad"), "effort_limit": ("effort_limit", "N m"),
     "torque_scale": ("s", "1"), "back_emf": ("ke", "N m s/rad"), "gear_loss": ("Fm", "1"), "gear_loss_square": ("Fmm", "1/(N m)"),
     "gear_loss_slow": ("Fms", "1"), "slow_speed": ("v_m", "rad/s"), "joint_stiffness": ("k", "N m/rad"),
     "joint_damping": ("d", "N m s/rad"), "feed_forward": ("f", "1"), "ki": ("ki", "N m/(rad s)"), "integral_start": ("I0", "N m"),
@@ -40,7 +41,18 @@ CONSTANTS = {
 _UNITS = {"pwm": {"kp": "1/rad", "torque_scale": "N m/V"}, "voltage": {"effort_limit": "V", "torque_scale": "N m/V"}}
 
 #: What stays as it is when all torque of a joint is another by one factor; the scale of a duty is one of torque, its gains are not.
-_APART = ("delay_s", "load", "gear_loss", "gear_loss_square", "gear_loss_slow", "slow_speed", "torque_scale", "no_load_speed")
+_APART = (
+    "delay_s",
+    "command_lag_s",
+    "deadband",
+    "load",
+    "gear_loss",
+    "gear_loss_square",
+    "gear_loss_slow",
+    "slow_speed",
+    "torque_scale",
+    "no_load_speed",
+)
 _OF_DUTY = ("kp", "kd", "effort_limit", "ki", "integral_start")
 
 

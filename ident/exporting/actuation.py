@@ -27,7 +27,8 @@ class JointActuator:
     `armature` (kg m²), `damping` (N m s/rad, back-EMF included), `dry` (N m, in motion), `breakaway` (N m that dry friction has more at
     rest), `offset` (N m to be held at every position), `stiffness` (N m/rad about zero); `kp` (N m/rad), `kd` (N m s/rad), None where
     torque is commanded; `ki` (N m/(rad s)), None where the drive does not integrate its error; `effort_limit` (N m), `delay_s`; `lower`,
-    `upper` (rad), `velocity` (rad/s); infinite where unknown. Metres and newtons where the joint is prismatic."""
+    `upper` (rad), `velocity` (rad/s); infinite where unknown. `command_lag_s`: of the filter of commands, `deadband`
+    (rad) of errors, None where no drive has one. Metres and newtons where the joint is prismatic."""
 
     joint: str
     prismatic: bool
@@ -45,6 +46,8 @@ class JointActuator:
     upper: float
     velocity: float
     ki: float | None = None
+    command_lag_s: float | None = None
+    deadband: float | None = None
 
     @property
     def limited(self) -> bool:
@@ -100,6 +103,8 @@ class Actuation:
                 robot.joints[j].upper,
                 robot.joints[j].velocity if robot.joints[j].velocity > 0 else float("inf"),
                 None if law is None or law.ki is None else float(law.ki[j]),
+                None if law is None or law.command_lag_s is None else float(law.command_lag_s[j]),
+                None if law is None or law.deadband is None else float(law.deadband[j]),
             )
             for j, name in enumerate(robot.joint_names)
         )

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 #: What only some laws have.
-_OPTIONAL = ("per_volt", "ki", "no_load_speed")
+_OPTIONAL = ("per_volt", "ki", "no_load_speed", "command_lag_s", "deadband")
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,8 @@ class ClosedLoop:
     spring between motor and link (infinite: none). `velocity_command`: whether the drive is sent a velocity too. `per_volt`: N m/V of a
     drive that is sent a voltage, kp and kd 0; None: it is not. `ki` (N m/(rad s)): of one that integrates its error as well, which stands
     still while the limit holds and the error would wind it further; None: it does not. `no_load_speed` (rad/s), at which the limit is
-    nothing along the motion; None: it stays."""
+    nothing along the motion; None: it stays. `command_lag_s`: time constant of the filter that smooths q_cmd and dq_cmd; None: there is
+    none. `deadband` (rad): errors of position count by what they are beyond it; None: all do."""
 
     kp: Array
     kd: Array
@@ -44,6 +45,8 @@ class ClosedLoop:
     per_volt: Array | None = None
     ki: Array | None = None
     no_load_speed: Array | None = None
+    command_lag_s: Array | None = None
+    deadband: Array | None = None
 
     @classmethod
     def of(cls, fit: DriveFit, supply: float | None = None) -> ClosedLoop:
@@ -58,6 +61,7 @@ class ClosedLoop:
         strength = scale * found["torque_scale"]
         own = {f.name: found[f.name] for f in fields(cls) if f.name in found and f.name not in _OPTIONAL}
         own |= {"no_load_speed": found["no_load_speed"]} if fit.law.droops.any() else {}
+        own |= {key: found[key] for key in ("command_lag_s", "deadband") if found[key].any()}
         gains = ("kp", "kd", "effort_limit", *(("ki",) if fit.law.integrates.any() else ()))
         own |= {key: strength * found[key] for key in gains}
         for key, values in own.items():

@@ -48,6 +48,8 @@ _SWITCH = {
     "joint elasticity": {"joint_stiffness": np.inf},
     "delay": {"delay_s": 0.0},
     "fall of the limit with speed": {"no_load_speed": np.inf},
+    "filter of commands": {"command_lag_s": 0.0},
+    "deadband": {"deadband": 0.0},
     "integral of the error": {"ki": 0.0, "integral_start": 0.0},
 }
 _BEYOND_A_STATE = frozenset({Need.HISTORY, Need.NEIGHBOURS, Need.TORQUE, Need.TIME})
@@ -117,6 +119,15 @@ def _found(found: Identified, expresses: frozenset[Expressed], seen: list[Motion
         told = ", ".join(f"{name} {x:.3g} rad/s" for name, x in pairs)
         hint = f"the limit of a joint that is driven along its motion falls to nothing at {told}"
         yield Omission("fall of the limit with speed", np.full(robot.n, np.nan), np.full(robot.n, np.nan), hint)
+    if law.command_lag_s is not None and Expressed.COMMAND_FILTER not in expresses:
+        pairs = [(name, 1e3 * x) for name, x in zip(robot.joint_names, law.command_lag_s, strict=True) if x > 0.0]
+        hint = f"smooth your commands by a first-order filter: {', '.join(f'{name} {x:.3g} ms' for name, x in pairs)}"
+        yield Omission("filter of commands", np.full(robot.n, np.nan), np.full(robot.n, np.nan), hint)
+    if law.deadband is not None:
+        hint = "errors of position within " + ", ".join(
+            f"±{x:.3g} ({name})" for name, x in zip(robot.joint_names, law.deadband, strict=True)
+        )
+        yield Omission("deadband", law.kp * law.deadband, law.kp * law.deadband, f"{hint} have no torque, larger ones that much less")
     if law.ki is not None and Expressed.INTEGRAL not in expresses:
         yield _without_integral(found, law, seen)
 

@@ -27,11 +27,13 @@ def mujoco_rollout(fit: DriveFit, log: DriveLog) -> Array:
     ------
     UnsupportedError
         What the file cannot be sent: a feed-forward torque, a voltage, torque that is switched off, a supply that is not constant. A drive
-        that integrates its error.
+        that integrates its error, or has a deadband.
     ConfigurationError
         MuJoCo is not installed, or a constant is known for single logs only.
     """
     require_rollable(log)
+    if fit.law.deadbands.any():
+        raise UnsupportedError(f"log {log.name}: the drive has a deadband, which the exported file does not have.")
     if fit.law.integrates.any():
         raise UnsupportedError(f"log {log.name}: the drive integrates its error, which the exported file does not do.")
     text = str(make_target("mujoco_actuator", Path()).written(Identified.of(fit), ExportOptions()).content)
@@ -68,6 +70,8 @@ def in_mujoco(text: str, log: DriveLog, joints: tuple[str, ...], step: float = S
     data.qpos[where], data.qvel[moving] = log.origin, log.start
     sent = _sent(model, log, joints)
     for i in range(model.nu):
+        if model.actuator_actadr[i] >= 0:
+            data.act[model.actuator_actadr[i]] = sent[0, i]
         if model.actuator_delay[i] > 0:
             count = int(model.actuator_history[i, 0])
             mujoco.mj_initCtrlHistory(model, data, i, None, np.full((count, 1), sent[0, i]))

@@ -32,6 +32,7 @@ class Expressed(StrEnum):
     VOLTAGE_COMMAND = "voltage command"
     INTEGRAL = "integral of the error"
     SPEED_TORQUE = "limit that falls with speed"
+    COMMAND_FILTER = "filter of commands"
 
 
 @dataclass(frozen=True, eq=False)

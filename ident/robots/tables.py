@@ -117,7 +117,7 @@ class RobotTable:
 #: Constants of a law from command to torque.
 _CONSTANTS = (
     "kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", "gear_loss", "gear_loss_square", "gear_loss_slow", "slow_speed",
-    "joint_stiffness", "joint_damping", "feed_forward", "ki", "integral_start", "no_load_speed",
+    "joint_stiffness", "joint_damping", "feed_forward", "command_lag_s", "deadband", "ki", "integral_start", "no_load_speed",
 )  # fmt: skip
 
 
@@ -156,6 +156,8 @@ class DriveTable:
     joint_stiffness: Any = None
     joint_damping: Any = None
     feed_forward: Any = None
+    command_lag_s: Any = None
+    deadband: Any = None
     ki: Any = None
     integral_start: Any = None
     no_load_speed: Any = None

@@ -25,13 +25,13 @@ from ident.logs.log import LogSet
 from ident.regressor.kernel_choice import kernel
 
 EFFECTS = ("rotor_inertia", "viscous", "coulomb", "offset")
-CASES = ("clean", "clean", "joint_elasticity", "load_dependent_friction", "kp", "delay")
+CASES = ("clean", "clean", "joint_elasticity", "load_dependent_friction", "kp", "delay", "deadband")
 
 
 @pytest.fixture(scope="module")
 def logs():
     """One log of each case, with its servo."""
-    seeds = [0, 1, 2, 2, 2, 2]
+    seeds = [0, 1, 2, 2, 2, 2, 2]
     servos = [servo(fault, seed) for fault, seed in zip(CASES, seeds, strict=True)]
     t, q, sent = recorded(servos, seeds)
     return [(one, t, q[:, [k]], sent[:, k]) for k, one in enumerate(servos)]
@@ -60,7 +60,8 @@ def test_what_was_injected_is_named_with_its_size(logs, k):
     found = diagnosed(logs[k])
     assert [f.effect for f in found.findings] == [CASES[k]]
     name, value, std, _ = found.findings[0].values[-2 if CASES[k] == "joint_elasticity" else -1]
-    true = {"joint_elasticity": one.stiffness, "load_dependent_friction": one.load, "kp": one.kp, "delay": one.delay}[CASES[k]]
+    sizes = {"joint_elasticity": one.stiffness, "load_dependent_friction": one.load, "deadband": one.deadband}
+    true = (sizes | {"kp": one.kp, "delay": one.delay})[CASES[k]]
     assert value == pytest.approx(true, rel=0.05), name
     assert std < 0.1 * true
     assert found.after.fit_rms[0] == pytest.approx(5e-4, rel=0.1)

@@ -1,14 +1,14 @@
-"""Drives whose limit falls with speed: the straight line from stall torque to no-load speed."""
+"""Drives whose limit falls with speed: the straight line from stall torque to no-load speed; the compiled step, with deadbands too."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from drive_pendulum import INERTIA, LANES, WEIGHT, lanes_of, model_of, pendulum
+from drive_pendulum import INERTIA, LANES, WEIGHT, lanes_of, model_of, pendulum, written
 from rigid_models import needs_native
 
 import ident
-from benchmarks.actuators.commanded import PENDULUM, command
+from benchmarks.actuators.commanded import command
 from ident.drives import DriveFit, DriveLaw, fit_drives, simulate
 from ident.drives.links import ElasticLinks, KnownLinks
 from ident.drives.torque import with_torque
@@ -120,38 +120,41 @@ def test_known_constants_give_the_torque(robot, ki):
     np.testing.assert_allclose(found[both], torque[both], atol=0.03 if ki else 1e-9)
 
 
+@pytest.mark.parametrize("part", ["droop", "band"])
 @pytest.mark.parametrize("integral", [False, True])
 @pytest.mark.parametrize(("joints", "elastic"), [(1, False), (1, True), (3, False)])
-def test_the_compiled_step_does_what_the_plain_one_does(monkeypatch, joints, elastic, integral):
+def test_the_compiled_step_does_what_the_plain_one_does(monkeypatch, joints, elastic, integral, part):
     pytest.importorskip("ident._native._recursions", reason="the compiled recursions were not built")
     rng = np.random.default_rng(6)
     lanes, n, steps, h = LANES, joints, 500, 0.002
     links, some = lanes_of(n, rng)
     none = np.zeros((lanes, n))
-    droop = some(1.0)
-    droop[0] = 0.0  # one lane without
+    size = some({"droop": 1.0, "band": 0.1}[part])
+    size[0] = 0.0  # one lane without
     drives = simulate.LaneDrives(
         armature=some(0.02), viscous=some(0.1), dry=some(0.1), load=none, excess=none, fall=some(0.5), offset=some(0.1), kp=some(20.0),
-        kd=some(0.5), limit=some(4.0), back_emf=none, spring=none, loss=none, loss_square=none, loss_slow=none, slow=some(0.5), droop=droop,
+        kd=some(0.5), limit=some(4.0), back_emf=none, spring=none, loss=none, loss_square=none, loss_slow=none, slow=some(0.5),
+        **{part: size},
     )  # fmt: skip
     time = h * np.arange(steps)[:, None, None]
     wanted = 2.0 * np.sin(6.0 * time + rng.uniform(0.0, 6.0, (lanes, n)))
-    own = simulate.LaneIntegrals(some(30.0), wanted, some(0.5)) if integral else None
+    # The commands of a deadband come with integrals, of gain 0 where there are none.
+    own = simulate.LaneIntegrals(float(integral) * some(30.0), wanted, float(integral) * some(0.5)) if integral or part == "band" else None
     groups, target, q = [slice(j, j + 1) for j in range(n)], drives.kp * wanted, none
     if elastic:
         links = ElasticLinks(links, 1, np.array([0]), some(200.0), some(0.1))
         drives, target, q, groups = links.drives(drives), links.widened(target), links.resting(none), links.groups
-        own = links.integrals(own) if integral else None
+        own = None if own is None else links.integrals(own)
 
     def moving(given):
         return simulate.simulated(links, given, target, None, q, np.zeros_like(q), h, groups, own)
 
-    flat = simulate.LaneDrives(**{**vars(drives), "droop": None})
+    flat = simulate.LaneDrives(**{**vars(drives), part: None})
     monkeypatch.setenv("IDENT_KERNEL", "native")
     compiled, without = moving(drives), moving(flat)
     monkeypatch.setenv("IDENT_KERNEL", "numpy")
     apart = np.abs(compiled - without)[..., :n].max(axis=(0, 2))
-    assert apart[0] == 0.0  # a limit that does not fall is the plain one
+    assert apart[0] == 0.0  # a limit that does not fall, and a deadband of nothing, are the plain ones
     assert apart[1:].min() > 0.01
     np.testing.assert_allclose(compiled, moving(drives), atol=1e-9)
     np.testing.assert_allclose(without, moving(flat), atol=1e-9)
@@ -185,11 +188,7 @@ def test_what_is_refused(robot):
 
 
 def test_from_a_study_to_simulators(tmp_path, ident):
-    (tmp_path / "pendulum.urdf").write_text(PENDULUM)
-    for name, seed in (("train", 1), ("held", 2)):
-        log = driven(seed)
-        rows = np.column_stack([log.t, log.q, log.extra["q_cmd1"]])
-        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header="time_s,q1_rad,q_cmd1_rad", comments="")
+    written(tmp_path, {"train": driven(1), "held": driven(2)})
     (tmp_path / "study.toml").write_text(
         '[robot]\nurdf = "pendulum.urdf"\n[drive]\nlaw = "pd_position"\nkp = 25.0\nkd = 0.8\neffort_limit = 4.0\n'
         'no_load_speed = "identify"\n'

@@ -164,6 +164,18 @@ def test_delay_is_rounded_up_to_whole_steps_and_starts_from_its_buffer():
     assert data.actuator_force[0] == pytest.approx(12.5)
 
 
+@pytest.mark.parametrize("sent", ["zero", "derivative"])
+def test_a_filter_of_commands_is_an_activation(sent):
+    """A step of the command, beside the closed form; and the velocity command has a filter of its own."""
+    model, data = loaded(pendulum(law={"command_lag_s": 0.05, "velocity_command": sent}))
+    assert model.na == model.nu == (1 if sent == "zero" else 2)
+    mujoco.mj_step(model, data)
+    data.ctrl[0] = 0.4
+    for k in range(1, 101):
+        mujoco.mj_step(model, data)
+        assert data.act[0] == pytest.approx(0.4 * (1.0 - np.exp(-k * model.opt.timestep / 0.05)), rel=1e-9)
+
+
 def test_motors_that_share_joints_are_tendons():
     K = np.array([[0.02, 0.0], [0.01, 0.01]])
     robot = ident.Robot.from_urdf(LEG).with_transmission(ident.Transmission(K, np.zeros(2), "motor"))

@@ -22,7 +22,7 @@ _EFFECTS = {
 #: Names of what is found where a constant of the law is not as declared.
 _CONSTANTS = {
     "kp": "kp", "kd": "kd", "delay_s": "delay", "gear_loss": "gear_loss", "joint_stiffness": "joint_elasticity",
-    "feed_forward": "feed_forward", "ki": "ki",
+    "feed_forward": "feed_forward", "ki": "ki", "deadband": "deadband",
 }  # fmt: skip
 #: Stribeck velocities that are looked at, as shares of a joint's usual speed.
 _SLOW = (0.1, 0.4)

@@ -19,12 +19,12 @@ _SHORTEST_STEP = 1e-4
 
 @register_target
 class MujocoActuatorTarget(ExportTarget):
-    """`position` (with a velocity command also `velocity`) actuators, `general` ones where a constant torque is in them, `motor` for fits
-    of measured torque."""
+    """`position` (with a velocity command also `velocity`) actuators, `general` ones where a constant torque or a filter of commands is in
+    them, `motor` for fits of measured torque."""
 
     name = "mujoco_actuator"
     title = "MJCF with actuators"
-    expresses = JOINTS | {Expressed.OFFSET, Expressed.SPRING, Expressed.DELAY, Expressed.VELOCITY_COMMAND}
+    expresses = JOINTS | {Expressed.OFFSET, Expressed.SPRING, Expressed.DELAY, Expressed.VELOCITY_COMMAND, Expressed.COMMAND_FILTER}
 
     def written(self, found: Identified, options: ExportOptions) -> WrittenFile:
         from lxml import etree
@@ -57,6 +57,8 @@ class MujocoActuatorTarget(ExportTarget):
                 f"delay (up to {1e3 * most:.2f} ms) is rounded up to whole steps, and acts on zero commands first: fill the"
                 " buffer with mj_initCtrlHistory. MuJoCo before 3.5 does not know it: take nsample and delay out for those."
             )
+        if any(a.command_lag_s for a in law.actuators):
+            more.append("the filter of commands begins at zero: set the activations (mjData.act) to the first commands.")
         expresses = self.expresses if springs or not np.any(law.spring) else self.expresses - {Expressed.SPRING}
         content = etree.tostring(root, pretty_print=True, encoding="unicode")
         return WrittenFile(content, (*found.notes, *notes, *more, *omissions(found, expresses, options)))
@@ -79,13 +81,15 @@ def _node(tag: str, actuator: JointActuator, what: str, offset: float, gains: di
     from lxml import etree
 
     common = {"name": f"{actuator.joint}_{what}", "joint": actuator.joint}
-    if offset == 0.0:
+    if offset == 0.0 and not actuator.command_lag_s:
         node = etree.Element(tag, {**common, **gains})
     else:
         kp, kv = float(gains.get("kp", 0.0)), float(gains.get("kv", 0.0))
         gain = {"motor": 1.0, "position": kp, "velocity": kv}[tag]
         bias = f"{-offset!r} {-kp!r} {-kv!r}"
         node = etree.Element("general", {**common, "gainprm": repr(gain), "biastype": "affine", "biasprm": bias})
+        if actuator.command_lag_s and tag != "motor":
+            node.attrib.update({"dyntype": "filterexact", "dynprm": repr(actuator.command_lag_s)})
     if limited and actuator.limited:
         # The drive's limit is of its own torque; the constant one lies outside of it.
         node.set("forcerange", f"{-actuator.effort_limit - offset!r} {actuator.effort_limit - offset!r}")

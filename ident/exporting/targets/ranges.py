@@ -31,6 +31,8 @@ _UNITS = {
     "ki": ("N m/(rad s)", "N/(m s)"),
     "effort_limit": ("N m", "N"),
     "delay_s": ("s", "s"),
+    "command_lag_s": ("s", "s"),
+    "deadband": ("rad", "m"),
 }
 
 
@@ -88,7 +90,7 @@ def _numbers(found: Identified) -> tuple[list[str], list[str], Array]:
 
 
 def _name(key: str) -> str:
-    return {"dry": "frictionloss", "delay_s": "delay"}.get(key, key)
+    return {"dry": "frictionloss", "delay_s": "delay", "command_lag_s": "command_lag"}.get(key, key)
 
 
 def _unit(actuator: JointActuator, key: str) -> str:
