@@ -175,10 +175,10 @@ class SimulatedSearch:
         for (place, joint), i in places.items():
             if place in ("kd", "back_emf") and (viscous := places.get(("viscous", joint))) is not None:
                 direction = np.zeros(len(values))
-                direction[[i, viscous]] = 1.0, -1.0
+                direction[[i, viscous]] = 1.0, -1.0 / unknown[viscous].factor
                 out.append(direction * max(values[i], self.sizes[i]))
             if place == "deadband" and (dry := places.get(("dry", joint))) is not None:
-                direction, stiff = np.zeros(len(values)), max(float(self.plant.stiffness(values)[joint]), 1e-300)
+                direction, stiff = np.zeros(len(values)), max(float(self.plant.stiffness(values)[joint]) / unknown[dry].factor, 1e-300)
                 direction[[i, dry]] = 1.0, -stiff
                 # Dry friction below nothing is none: it gives what it has.
                 most = max(values[dry], _NARROW * self.sizes[dry]) / stiff
@@ -188,6 +188,7 @@ class SimulatedSearch:
             if len(begun) == len(self.plant.logs) and (offset := places.get(("offset", joint))) is not None:
                 direction = np.zeros(len(values))
                 direction[[offset, *begun]] = 1.0
+                direction[offset] /= unknown[offset].factor
                 out.append(direction * max(*np.abs(values[begun]), *self.sizes[begun]))
         scales = ("torque_scale",) if self.plant.law.in_volts else ("kp", "torque_scale")
         return [*out, *(direction for scale in scales for direction in self._scaled(values, scale))]

@@ -86,6 +86,12 @@ class SupplyForm(StrEnum):
 _FORMS: dict[str, type[StrEnum]] = {"command": CommandForm, "velocity_command": VelocityCommand, "supply": SupplyForm}
 
 
+#: What `[drive]` says of a law, as `DriveLaw.of` takes it.
+_KEYS = (
+    "kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", "ki", "integral_start", "no_load_speed", "deadband", *_GEAR, *_FORMS
+)  # fmt: skip
+
+
 @dataclass(frozen=True, eq=False)
 class DriveLaw:
     """τ = s (kp (q_cmd(t − d) − q) + kd (dq_cmd(t − d) − dq) + z + f tau_ff(t − d)) − back_emf dq, the bracket within ±effort_limit.
@@ -151,9 +157,10 @@ class DriveLaw:
         """From numbers, lists or tables by joint, as a study file has them. Raises ConfigurationError, UnsupportedError."""
         if kind not in _DEFAULTS:
             raise unknown_name("[drive] law", kind, (*_DEFAULTS, *MEASURED))
-        if not np.allclose(robot.transmission.K, np.eye(robot.n)):
+        if not robot.transmission.is_diagonal:
             raise UnsupportedError(
-                "[drive] law: commands are joint positions; a transmission (ratio, K) together with a drive law is not supported yet."
+                "[drive] law: each drive acts on one joint, and K couples joints. Log commands and positions of the joints, and give one"
+                " ratio for each ([drive] ratio = [1, …] for constants of rotors and friction at the joints), or fit to a measured torque."
             )
         forms = {key: given.pop(key) for key in _FORMS if given.get(key) is not None}
         given = {key: value for key, value in given.items() if value is not None}
@@ -199,24 +206,16 @@ class DriveLaw:
     @classmethod
     def read(cls, table: DriveTable, robot: Robot) -> DriveLaw | None:
         """The law that a study's `[drive]` declares; None where its logs hold torque or current."""
-        if table.law is None or table.law in MEASURED:
-            return None
-        keys = (
-            "kp",
-            "kd",
-            "delay_s",
-            "effort_limit",
-            "torque_scale",
-            "back_emf",
-            "ki",
-            "integral_start",
-            "no_load_speed",
-            "deadband",
-            *_GEAR,
-            *_FORMS,
-        )
-        given = {key: getattr(table, key) for key in keys}
-        return cls.of(robot, table.law, links=table.links or "known", by_log=table.by_log, **given)
+        given = {key: getattr(table, key) for key in _KEYS}
+        if table.law is not None and table.law not in MEASURED:
+            return cls.of(robot, table.law, links=table.links or "known", by_log=table.by_log, **given)
+        if useless := [key for key, value in given.items() if value is not None]:
+            none = "no law is given" if table.law is None else f"law {table.law!r} means a torque that was logged"
+            raise ConfigurationError(
+                f"[drive] {', '.join(useless)}: constants of a drive law, but {none}. Take them out, or give the law from command to"
+                f" torque ({', '.join(_DEFAULTS)})."
+            )
+        return None
 
     @property
     def in_volts(self) -> bool:

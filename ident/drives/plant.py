@@ -12,6 +12,7 @@ import numpy as np
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError
 from ..friction.speed import Stribeck
+from ..robots.transmission import Side
 from ..simulation.rigid import require_fixed_base
 from .commands import DriveLog
 from .law import DriveLaw
@@ -196,7 +197,8 @@ class DrivePlant:
         fall = np.ones((lanes, n))
         for effect in self.model.effects:
             if isinstance(effect, Stribeck):
-                fall[:, effect.at(self.robot)] = effect.v_s
+                at = effect.at(self.robot)
+                fall[:, at] = effect.v_s * (1.0 if effect.side == Side.JOINT else np.abs(np.diag(self.robot.transmission.K)[at]))
         kept = {key: constants[key] for key in ("kp", "kd", "back_emf")} | {key: constants[name] for key, name in _GEAR.items()}
         whole = {**drive, **kept, "fall": fall, "limit": constants["effort_limit"]}
         if np.any(self.law.deadbands):
@@ -238,7 +240,7 @@ class DrivePlant:
                 assert inertial is not None
                 inertial[:, unknown.column - first] = values
             elif unknown.place in drive:
-                drive[unknown.place][:, unknown.joint] += values
+                drive[unknown.place][:, unknown.joint] += unknown.factor * values
             else:
                 own = constants[unknown.place]
                 at = slice(None) if unknown.joint < 0 else [unknown.joint]

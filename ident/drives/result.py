@@ -119,11 +119,11 @@ class DriveFit(ShortRepr):
         return out
 
     def drive(self) -> dict[str, Array]:
-        """Effects of the drives, "armature", "viscous", "dry", "offset", "load", "excess", "spring" → (n,); zero where none."""
+        """Effects of the drives, "armature", "viscous", "dry", "offset", "load", "excess", "spring" → (n,) of joints; zero where none."""
         out = {key: np.zeros(self.model.robot.n) for key in ("armature", "viscous", "dry", "offset", "load", "excess", "spring")}
         for unknown, value in zip(self.unknowns, self.values, strict=True):
             if unknown.place in out:
-                out[unknown.place][unknown.joint] += value
+                out[unknown.place][unknown.joint] += unknown.factor * value
         return out
 
     def summary(self) -> str:

@@ -64,7 +64,8 @@ def require_joint_commands(logs: Sequence[DriveLog], robot: Robot) -> None:
             raise DataError(
                 f"log {log.name}: the commands of joint {', '.join(robot.joint_names[j] for j in joints)} do not match its"
                 f" position (slow motion of {robot.joint_names[worst]} is {answer[worst]:.2g} times that of q_cmd{worst + 1}): they may be"
-                " commands of motors behind a linkage, or have the opposite sign. Log joint commands, or lock the joints ([robot] locked)."
+                " commands of motors behind a linkage or before their gears, or have the opposite sign. Log joint commands, or lock the"
+                " joints ([robot] locked)."
             )
 
 

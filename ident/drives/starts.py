@@ -118,7 +118,7 @@ def _start(
             least[i] = friction * torque[unknown.joint]
         else:
             of = guess[unknown.place]
-            values.append(float(of.mean() if unknown.joint < 0 else of[unknown.joint]))
+            values.append(float(of.mean() if unknown.joint < 0 else of[unknown.joint]) / unknown.factor)
     return np.array(values), np.maximum(np.abs(values), least)
 
 

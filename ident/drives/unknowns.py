@@ -15,10 +15,12 @@ from ..errors import ConfigurationError, UnsupportedError
 from ..friction.drive import Coulomb, RotorInertia, Viscous
 from ..friction.load import LoadDependentFriction
 from ..friction.speed import Stribeck
+from ..robots.transmission import Side
 
 if TYPE_CHECKING:
     from ..effects.base import Effect
     from ..model import Model
+    from ..robots.robot import Robot
     from .law import DriveLaw
 
 Array = np.ndarray
@@ -60,7 +62,7 @@ _OF_DUTY = ("kp", "kd", "effort_limit", "ki", "integral_start")
 class Unknown:
     """One unknown number. `place`: what it is in the simulation ("link": a base parameter of the links); `joint`: index, -1 for all;
     `column`: of a parameter of the model, its index among all; `lower`: bound; `expression`: what is grouped in it; `log`: the only log
-    that it is of, "" for all."""
+    that it is of, "" for all; `factor`: what its joint has for one of it, which stands on the motor's side of gears."""
 
     name: str
     unit: str
@@ -71,6 +73,7 @@ class Unknown:
     expression: str = ""
     effect: str = ""
     log: str = ""
+    factor: float = 1.0
 
 
 def unknowns(model: Model, law: DriveLaw, starts: Sequence[tuple[str, int]] = ()) -> tuple[Unknown, ...]:
@@ -116,6 +119,7 @@ def _of_model(model: Model, law: DriveLaw) -> list[Unknown]:
     robot = model.robot
     links = next((part for effect, part in zip(model.effects, model.slices, strict=True) if isinstance(effect, RigidBody)), slice(0, 0))
     place: dict[int, tuple[str, int]] = {}
+    factors: dict[int, float] = {}
     for effect, part in zip(model.effects, model.slices, strict=True):
         if isinstance(effect, RigidBody):
             place |= dict.fromkeys(range(part.start, part.stop), ("link", -1))
@@ -128,7 +132,9 @@ def _of_model(model: Model, law: DriveLaw) -> list[Unknown]:
         at = effect.at(robot)
         # Joint by joint: what the effect is, then what holds at every position (a spring's torque at zero).
         each = (part.stop - part.start) // max(len(at), 1)
-        place |= {part.start + i: (kind if i % each == 0 else "offset", at[i // each]) for i in range(part.stop - part.start)}
+        own = {part.start + i: (kind if i % each == 0 else "offset", at[i // each]) for i in range(part.stop - part.start)}
+        factors |= {i: _factor(effect, where, joint, robot) for i, (where, joint) in own.items()}
+        place |= own
     # A spring's rest position is an offset over again where one is declared.
     offsets = [(where, i) for i, where in place.items() if where[0] == "offset"]
     doubled = {i for where, i in offsets if i != next(k for other, k in offsets if other == where)}
@@ -138,11 +144,30 @@ def _of_model(model: Model, law: DriveLaw) -> list[Unknown]:
     else:
         kept, expressions = _grouped(model, law)
     return [
-        Unknown(p.name, p.unit, *place[i], -np.inf if place[i][0] == "link" else p.lower, i, expressions.get(i, p.name), p.effect)
+        Unknown(
+            p.name,
+            p.unit,
+            *place[i],
+            -np.inf if place[i][0] == "link" else p.lower,
+            i,
+            expressions.get(i, p.name),
+            p.effect,
+            factor=factors.get(i, 1.0),
+        )
         for i in kept
         if i not in doubled
         for p in (model.parameters[i],)
     ]
+
+
+def _factor(effect: Effect, place: str, joint: int, robot: Robot) -> float:
+    """What a joint has for one of what an effect has on its side of the gears. Raises UnsupportedError."""
+    ratio = 1.0 / float(robot.transmission.K[joint, joint])
+    if effect.side == Side.JOINT or ratio == 1.0:
+        return 1.0
+    if isinstance(effect, LinearSpring):
+        raise UnsupportedError(f'effect {effect.name!r} on the side of a geared motor is not simulated under a drive law: side = "joint".')
+    return {"armature": ratio**2, "viscous": ratio**2, "offset": ratio, "load": 1.0}.get(place, abs(ratio))
 
 
 def _without_sprung_rotors(model: Model, law: DriveLaw) -> Model:

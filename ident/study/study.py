@@ -141,9 +141,10 @@ class Study:
         return model
 
     def drive_law(self, robot: Robot | None = None) -> DriveLaw | None:
-        """The law from command to torque that `[drive] law` declares; None where the logs hold torque or current."""
+        """The law from command to torque that `[drive] law` declares; None where the logs hold torque or current.
+        Raises ConfigurationError for constants of a law where there is none."""
         table = self.description.whole_drive()
-        return DriveLaw.read(table, self.robot() if robot is None else robot) if table.law else None
+        return DriveLaw.read(table, self.robot() if robot is None else robot)
 
     def make_estimator(self) -> Estimator:
         """The estimator that `[estimator]` asks for; weighted least squares if it names none."""

@@ -100,7 +100,7 @@ def same_motion(candidate: DriveCandidate, joints: Sequence[int], law: DriveLaw,
 
     A kd that acts on a velocity command which nobody logged says how large that command was, as long as viscous friction makes up for the
     rest. Where the scale of the torque is not known, a gain is one beside the limit. `values` (p,): of the `wider` plant, with both."""
-    found = {(u.place, u.joint): float(v) for u, v in zip(wider.unknowns, values, strict=True)}
+    found = {(u.place, u.joint): u.factor * float(v) for u, v in zip(wider.unknowns, values, strict=True)}
     if candidate.place == "kd":
         sent = {law.for_log(log.name).velocity_command for log in wider.logs if np.any(log.dq_cmd)}
         more = [found["kd", j] - candidate.declared(law, j) for j in joints]
