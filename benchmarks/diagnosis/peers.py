@@ -45,7 +45,7 @@ Named = list[tuple[str, tuple[str, ...]]]
 def stepwise(case: Loaded) -> Named:
     """Forward selection by least squares and Schwarz's criterion."""
     full, robot = full_rate(case.fit), case.arm.robot
-    fit = Fit(run_rows(full, robot, kept_hz(full.rate), np.zeros(robot.n)), case.model)
+    fit = Fit(run_rows(full, robot, np.full(robot.n, kept_hz(full.rate)), np.zeros(robot.n)), case.model)
     fit.solved(0)
     catalogue = Catalogue.of(fit, usual_speed(robot.transmission.motor_rate(full.dq)))
     accepted: list[Any] = []

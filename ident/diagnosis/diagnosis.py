@@ -122,7 +122,7 @@ class Diagnosis(Shown):
             "verdict": self.verdict.value,
             "findings": [f.to_dict() for f in self.findings],
             "unexplained": [u.to_dict() for u in self.unexplained],
-            "instruments": {"kind": self.instrument.kind, "band_hz": self.instrument.band_hz},
+            "instruments": self.instrument.to_dict(),
             "described": None if self.description is None else self.description.to_dict(),
             "hidden": [h.to_dict() for h in self.hidden],
             "before": sides["before"],

@@ -91,7 +91,8 @@ class BandFit:
     def estimate(self, method: str) -> Estimate:
         """Under the name of a method."""
         covariance = self.T @ self.frame.covariance @ self.T.T
-        trace = {"instrument": self.instrument.kind, "band_hz": self.instrument.band_hz}
+        told = self.instrument
+        trace = {"instrument": told.kind, "band_hz": told.band_hz, "narrower_hz": dict(told.narrower)}
         solution = replace(self.start, values=self.T @ self.frame.theta)
         return finish(self.problem, solution, self.weights, method, covariance=covariance, trace=trace)
 

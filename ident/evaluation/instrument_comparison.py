@@ -15,6 +15,7 @@ from ..drawing.shown import Shown
 from ..errors import ConfigurationError, UnsupportedError
 from ..estimators import BandInstruments
 from ..estimators.band_instruments import BandFit
+from ..instruments.prepared import Instrument
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,8 +70,8 @@ class AgainstInstruments(Shown, ShortRepr):
     @property
     def instrument(self) -> str:
         """What the instrument is, in words."""
-        kind, band = self.instrumental.trace["instrument"], self.instrumental.trace["band_hz"]
-        return f"the {'desired' if kind == 'q_ref' else 'measured'} motion below {band:.2g} Hz"
+        trace = self.instrumental.trace
+        return Instrument(trace["instrument"], trace["band_hz"], trace["narrower_hz"]).motion
 
     def warning(self) -> str:
         """A sentence for an estimate's warnings; "" where nothing is moved."""
@@ -124,7 +125,8 @@ class AgainstInstruments(Shown, ShortRepr):
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
         trace = self.instrumental.trace
-        return {"instrument": trace["instrument"], "band_hz": trace["band_hz"], "parameters": self.to_frame().to_dict("records")}
+        told = {key: trace[key] for key in ("instrument", "band_hz", "narrower_hz")}
+        return {**told, "parameters": self.to_frame().to_dict("records")}
 
 
 def against_instruments(estimate: Estimate) -> AgainstInstruments:

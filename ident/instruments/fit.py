@@ -239,7 +239,7 @@ class Fit:
         """One noise for several frames: the least that any of them leaves, at each frequency of the instrument's band; nothing beyond it,
         where the residual holds what feedback and the noise of the measured motion make."""
         return [
-            np.max([x.gains[i] for x in frames], axis=0) * (run.band.frequencies <= run.instrument.cutoff_hz)
+            np.max([x.gains[i] for x in frames], axis=0) * (run.band.frequencies <= run.cutoffs_hz[:, None])
             for i, run in enumerate(self.runs)
         ]
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import DataError
 from ..signals.preparation import ZeroPhase
 from .fit import Fit
-from .reference_band import START_HZ, reference_band
+from .reference_band import START_HZ, reference_bands
 from .rows import RunRows, kept_hz, reduced, run_rows, usual_speed
 
 if TYPE_CHECKING:
@@ -29,14 +29,26 @@ _RAW = 0.45
 
 @dataclass(frozen=True)
 class Instrument:
-    """What the instrument is: `kind` "q_ref" (desired motion) or "low_band" (measured motion), below `band_hz`."""
+    """What the instrument is: `kind` "q_ref" (desired motion) or "low_band" (measured motion), below `band_hz`; `narrower`: joints whose
+    motor's motion in it ends lower → where (Hz), because disturbances move it by a noticeable share at every frequency."""
 
     kind: str
     band_hz: float
+    narrower: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def motion(self) -> str:
+        """Which motion it is, in words."""
+        what = "the desired motion" if self.kind == "q_ref" else "the measured motion"
+        apart = f" ({', '.join(f'{joint} below {hz:.2g} Hz' for joint, hz in self.narrower.items())})" if self.narrower else ""
+        return f"{what} below {self.band_hz:.2g} Hz{apart}"
 
     def __str__(self) -> str:
-        what = "the desired motion" if self.kind == "q_ref" else "the measured motion"
-        return f"instrument: {what} below {self.band_hz:.2g} Hz; faster motion responds to disturbances and is not used to decide"
+        return f"instrument: {self.motion}; faster motion responds to disturbances and is not used to decide"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {"kind": self.kind, "band_hz": self.band_hz, "narrower_hz": dict(self.narrower)}
 
 
 def full_rate(signals: Signals) -> Signals:
@@ -120,23 +132,25 @@ def prepared(model: Model, signals: Signals, values: Array | None = None, *, wit
     reference = desired(full)
     reading = readings(signals, full)
     noise = _position_noise(signals)
-    runs = _runs(full, model, START_HZ, noise, reference, reading)
+    runs = _runs(full, model, np.full(robot.n, START_HZ), noise, reference, reading)
     first = Fit(runs, model, (), values)
-    band = _ABOVE * reference_band(first, first.solved(2), noise)
-    fit = Fit(_runs(full, model, band, noise, reference, reading), model, (), values)
+    bands = _ABOVE * reference_bands(first, first.solved(2), noise)
+    fit = Fit(_runs(full, model, bands, noise, reference, reading), model, (), values)
     if not fit.share.any():
         raise DataError(
             "no stretch of the logs with a moving joint and its torque is long enough for a diagnosis; `ident check` says what"
             " is missing for which joint."
         )
-    instrument = Instrument("low_band" if reference is None else "q_ref", band)
+    widest = float(bands.max())
+    narrower = {joint: float(hz) for joint, hz in zip(robot.joint_names, bands, strict=True) if hz < widest}
+    instrument = Instrument("low_band" if reference is None else "q_ref", widest, narrower)
     return fit, instrument, usual_speed(robot.transmission.motor_rate(full.dq))
 
 
 def _runs(
-    full: Signals, model: Model, band_hz: float, noise: Array, reference: Sequence[Array] | None, reading: Sequence[Array] | None
+    full: Signals, model: Model, bands_hz: Array, noise: Array, reference: Sequence[Array] | None, reading: Sequence[Array] | None
 ) -> list[RunRows]:
-    runs = run_rows(full, model.robot, band_hz, noise, reference, reading)
+    runs = run_rows(full, model.robot, bands_hz, noise, reference, reading)
     if not runs:
         raise DataError("no stretch of the logs is long enough for a diagnosis: 4 s without a gap are needed.")
     return runs

@@ -1,4 +1,4 @@
-"""The band in which the reference drives the motion, as the log itself tells it."""
+"""The bands in which the reference drives the motors, as the log itself tells them."""
 
 from __future__ import annotations
 
@@ -25,19 +25,21 @@ _SEGMENT = 8.0
 _LEAK = 0.25
 
 
-def reference_band(fit: Fit, frame: Solved, noise: Array) -> float:
-    """Frequency (Hz) up to which disturbances and the noise of the positions make less than a small share of the motion, of the joint where
-    that is least. `noise` (n,): density of the motors' positions' noise, rad²/Hz.
+def reference_bands(fit: Fit, frame: Solved, noise: Array) -> Array:
+    """Frequencies (n,), Hz, up to which disturbances and the noise of the positions make less than a small share of each motor's motion.
+    `noise` (n,): density of the motors' positions' noise, rad²/Hz.
 
     There are two bounds of that share, and the lower one holds. The residual's density over the apparent inertia squared, and the noise's,
     over the density of the acceleration before the mask (mask edges are broadband): as if all of the residual were a torque that no
     controller rejects. And
     the largest density of the speed beyond a frequency over the density there: a controller rejects disturbances the better the slower they
     are, so that above the reference's band they drive no less than inside it. One joint's disturbance moves the others through the inertia,
-    so the least band counts for all; a joint whose motion says nothing of its reference is not asked."""
+    so the least band counts for all. A motor that neither bound gives a band (a wrist that friction moves at every frequency by more than
+    that share) says nothing of the others; of its own motion the reference is known to drive no more than the bulk."""
     inertia = _apparent_inertia(fit)
     raw = fit.raw_residual(frame)
     found, driven = [], []
+    silent = np.full(fit.robot.n, np.inf)
     for m in range(fit.robot.n):
         if fit.share[m] < max(FEW, 0.05):
             continue
@@ -45,12 +47,15 @@ def reference_band(fit: Fit, frame: Solved, noise: Array) -> float:
         other = left / max(inertia[m], 1e-300) ** 2 + noise[m] * (2.0 * np.pi * f) ** 4
         by_residual = _smooth(f, other / np.maximum(acceleration, 1e-300))
         band = max(_first_beyond(f, by_residual), _last_cliff(f, _smooth(f, speed)))
-        if band > 0.0:
-            found.append(float(np.clip(band, _LEAST, _LARGEST)))
         power = np.cumsum(np.maximum(speed - noise[m] * (2.0 * np.pi * f) ** 2, 0.0))
         driven.append(float(f[np.searchsorted(power, _BULK * power[-1])]))
+        if band > 0.0:
+            found.append(float(np.clip(band, _LEAST, _LARGEST)))
+        else:
+            silent[m] = driven[-1]
     # What a model lacks is in the residual, too, and is no disturbance: where the bulk of the motion is, the reference drives it.
-    return float(np.clip(max(min(found, default=_LEAST), min(driven, default=START_HZ)), _LEAST, _LARGEST))
+    common = max(min(found, default=_LEAST), min(driven, default=START_HZ))
+    return np.clip(np.minimum(silent, common), _LEAST, _LARGEST)
 
 
 def _densities(fit: Fit, raw: list[Array], m: int) -> tuple[Array, Array, Array, Array]:

@@ -19,6 +19,7 @@ from .thresholds import BOUND, ENDS, SETTLE, SLOW
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
+    from ..robots.transmission import Transmission
     from ..signals.signals import Signals
 
 Array = np.ndarray
@@ -32,8 +33,8 @@ _TOP_HZ = 20.0
 @dataclass(frozen=True, eq=False)
 class RunRows:
     """One run. `measured`, `instrument`: motions of N samples; `torque` (N, n) on the motor side; `reading` (N, n): the same on the side
-    that is measured, as recorded; `use` (N, n): motor m's friction is a function of the motion there; `band`: makes rows; `interval`:
-    seconds between samples as they were recorded."""
+    that is measured, as recorded; `use` (N, n): motor m's friction is a function of the motion there; `band`: makes rows; `cutoffs_hz`
+    (n,): of each motor's motion in the instrument; `interval`: seconds between samples as they were recorded."""
 
     measured: Motion
     instrument: Motion
@@ -41,6 +42,7 @@ class RunRows:
     reading: Array = field(repr=False)
     use: Array = field(repr=False)
     band: Band
+    cutoffs_hz: Array = field(repr=False)
     interval: float
 
     def masked_spectra(self, values: Array, m: int, precision: type[np.floating] = np.float64) -> Array:
@@ -105,6 +107,18 @@ def low_passed(q: Array, rate: float, cutoff_hz: float) -> tuple[Array, Array, A
     return smooth, dq, _derivative(dq, rate)
 
 
+def _motors_low_passed(q: Array, rate: float, cutoffs_hz: Array, transmission: Transmission) -> tuple[Array, Array, Array]:
+    """Joint positions (N, n) with each motor's part below a frequency of its own (n,), with their derivatives."""
+    if np.all(cutoffs_hz == cutoffs_hz[0]):
+        return low_passed(q, rate, float(cutoffs_hz[0]))
+    motors = transmission.motor_position(q)
+    position, speed, acceleration = (np.empty_like(motors) for _ in range(3))
+    for hz in np.unique(cutoffs_hz):
+        own = np.flatnonzero(cutoffs_hz == hz)
+        position[:, own], speed[:, own], acceleration[:, own] = low_passed(motors[:, own], rate, float(hz))
+    return transmission.joint_position(position), transmission.joint_rate(speed), transmission.joint_rate(acceleration)
+
+
 def _derivative(x: Array, rate: float) -> Array:
     """Central differences of sixth order, of second order at the ends."""
     out = np.gradient(x, 1.0 / rate, axis=0)
@@ -116,14 +130,14 @@ def _derivative(x: Array, rate: float) -> Array:
 def run_rows(
     signals: Signals,
     robot: Robot,
-    cutoff_hz: float,
+    cutoffs_hz: Array,
     position_noise: Array,
     reference: Sequence[Array] | None = None,
     reading: Sequence[Array] | None = None,
 ) -> list[RunRows]:
-    """The runs of `reduced` signals with an instrument below `cutoff_hz`. `position_noise` (n,): density of the motors' positions' noise,
-    rad²/Hz; `reference`: desired positions (N, n) of each run, if logged;
-    `reading`: torque (N, n) of each as recorded, if that is at hand."""
+    """The runs of `reduced` signals with an instrument of each motor's motion below `cutoffs_hz` (n,). `position_noise` (n,): density of
+    the motors' positions' noise, rad²/Hz; `reference`: desired positions (N, n) of each run, if logged; `reading`: torque (N, n) of each
+    as recorded, if that is at hand."""
     rate, transmission = signals.rate, robot.transmission
     factor = max(1, round(rate / _ROW_RATE))
     top_hz = min(_TOP_HZ, 0.4 * rate / factor, 0.8 * kept_hz(rate) if rate >= _COLUMN_RATE else 0.6 * kept_hz(rate))
@@ -131,7 +145,7 @@ def run_rows(
     top = usual_speed(motor_speed)
     # Friction is no function of a motion whose direction is not known.
     least = np.maximum(SLOW * top, BOUND * speed_noise(position_noise, kept_hz(rate)))
-    least_below = np.maximum(SLOW * top, BOUND * speed_noise(position_noise, cutoff_hz) if reference is None else 0.0)
+    least_below = np.maximum(SLOW * top, BOUND * speed_noise(position_noise, cutoffs_hz) if reference is None else 0.0)
     interval = 1.0 / float(signals.report.rate_hz or rate)
     found = []
     for i, run in enumerate(signals.runs):
@@ -143,18 +157,19 @@ def run_rows(
         torque = np.where(present, torque, 0.0)
         measured = Motion.of(robot, q, signals.dq[run], signals.ddq[run], t, rate=rate, start=signals.origins[i], cutoff_hz=kept_hz(rate))
         base = q if reference is None else reference[i]
-        smooth = low_passed(base, rate, cutoff_hz)
-        instrument = Motion.of(robot, *smooth, t, rate=rate, start=signals.origins[i], cutoff_hz=cutoff_hz)
+        smooth = _motors_low_passed(base, rate, cutoffs_hz, transmission)
+        instrument = Motion.of(robot, *smooth, t, rate=rate, start=signals.origins[i], cutoff_hz=float(cutoffs_hz.max()))
         slow = (np.abs(measured.motor.dq) < least) | (np.abs(instrument.motor.dq) < least_below) | ~present
         ends = int(ENDS * rate)
         slow[:ends] = slow[len(slow) - ends :] = True
         use = ~_widened(slow, int(SETTLE * rate))
         raw = np.nan_to_num(signals.torque[run] if reading is None else reading[i])
-        found.append(RunRows(measured, instrument, torque, raw, use.astype(float), Band(len(t), rate, factor, top_hz), interval))
+        band = Band(len(t), rate, factor, top_hz)
+        found.append(RunRows(measured, instrument, torque, raw, use.astype(float), band, cutoffs_hz, interval))
     return found
 
 
-def speed_noise(density: Array, cutoff_hz: float) -> Array:
+def speed_noise(density: Array, cutoff_hz: float | Array) -> Array:
     """Standard deviation (n,) of speeds, rad/s, that positions with white noise of this density (n,), rad²/Hz, have below a frequency."""
     return np.asarray(2.0 * np.pi * np.sqrt(density * cutoff_hz**3 / 3.0))
 

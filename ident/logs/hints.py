@@ -61,7 +61,7 @@ def torque_question(columns: Sequence[str], joints: Iterable[int], names: Sequen
         beside = "" if quantity == "tau_current" else " (tau_m1 … if they are motor torques)"
         if asked := question(lookalikes(columns, quantity, wanted, names), quantity, beside):
             return asked
-    symbols = {int(found[1]) - 1: column for column in columns if (found := _SYMBOL.fullmatch(column))}
+    symbols = {int(found[1]) - 1: column for column in columns if (found := _SYMBOL.fullmatch(_stem(column, "tau_joint")))}
     whole = symbols if sorted(symbols) == wanted else {}
     return question(whole, "tau_joint", " (tau_m1 … if they are motor torques)")
 
@@ -70,17 +70,22 @@ def _rest(column: str, words: frozenset[str], quantity: str) -> frozenset[str] |
     """The words of a column's name that say which joint it is of; None where the name is not one of `quantity`."""
     if unread_in(column):
         return None  # its unit is to be told first
-    stem, unit = split_unit(column)
-    if unit is not None and unit_of(unit).dimension not in expected_units(quantity):
-        # A unit of something else; what ends in _m may also be a name.
-        if unit.lower() != "m":
-            return None
-        stem = column
+    stem = _stem(column, quantity)
+    if not stem:
+        return None
     parts = _parts(stem)
     # An angle or a length under a joint's name needs no word for what it is.
     if not (parts & words or (words is _POSITION and stem != column)) or parts & _OTHER:
         return None
     return parts - words - _BESIDE
+
+
+def _stem(column: str, quantity: str) -> str:
+    """A column's name without its unit; "" where that is a unit of something else than the quantity. What ends in _m may also be a name."""
+    stem, unit = split_unit(column)
+    if unit is None or unit_of(unit).dimension in expected_units(quantity):
+        return stem
+    return column if unit.lower() == "m" else ""
 
 
 def _joint(rest: frozenset[str], wanted: Collection[int], names: Sequence[str], first: int) -> int | None:

@@ -79,7 +79,9 @@ def test_what_asks_for_more_competes_where_it_tells_more(extra: int, gain: float
     spring, counterbalance = ident.make_effect("linear_spring"), ident.make_effect("counterbalance")
     member = Member(counterbalance, (), float(np.sqrt(z**2 + gain)), 0.0, extra=extra).beside(z, rows=1000)
     assert member.needless is needless
-    own, (other,) = confidence(AcceptedEffect(spring, (), z, (member,)), beside=False)
+    accepted = AcceptedEffect(spring, (), z, (member,))
+    assert accepted.ambiguous is not needless
+    own, (other,) = confidence(accepted, beside=False)
     assert (own > 0.8) is needless
     assert (other.confidence > 0.2) is not needless
 

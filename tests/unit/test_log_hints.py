@@ -125,6 +125,7 @@ def robot() -> Robot:
         ([f"effort_joint{j + 1}" for j in range(4)], 'tau1 = "effort_joint1", tau2 = "effort_joint2", tau3 = "effort_joint3" … (tau_m1'),
         ([f"{name}_torque" for name in ARM], 'tau1 = "slide_torque", tau2 = "shoulder_torque", tau3 = "elbow_torque" …'),
         ([f"current_{j}" for j in range(4)], 'i1 = "current_0", i2 = "current_1", i3 = "current_2" …'),
+        ([f"T_{j + 1} [Nm]" for j in range(4)], 'tau1 = "T_1 [Nm]", tau2 = "T_2 [Nm]", tau3 = "T_3 [Nm]" …'),
         (["tau_elbow"], 'tau3 = "tau_elbow" ('),
         (["load"], "Map the columns under [columns] of a study file."),
     ],

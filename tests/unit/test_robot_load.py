@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -72,6 +73,7 @@ def test_folder_and_stem_settle_an_ambiguity():
         ("hector", "has no moving joint"),
         ("", "unknown robot ''"),
         ("arm.urdf", "'arm.urdf' is a file, not a robot's name"),
+        (Path("arm.urdf"), "'arm.urdf' is a file, not a robot's name"),
     ],
 )
 def test_names_that_do_not_load(name, message):

@@ -60,6 +60,11 @@ class AcceptedEffect:
     z: float
     competing: tuple[Member, ...] = ()
 
+    @property
+    def ambiguous(self) -> bool:
+        """Whether another model could be what acts in its place."""
+        return any(not m.needless for m in self.competing)
+
 
 def drop_unnecessary(state: EffectSearch, say: Callable[[str], None], spared: int = 0) -> None:
     """Drop what the others make unnecessary, at the noise of the whole model: one that lacks an effect would hide it in its own. The last

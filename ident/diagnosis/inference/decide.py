@@ -266,7 +266,7 @@ def _decision(state: EffectSearch, left: list[Left], trail: tuple[str, ...]) -> 
     elif not named:
         verdict = "clean"
     else:
-        verdict = "ambiguous" if any(not m.needless for x in named for m in x.competing) else "explained"
+        verdict = "ambiguous" if any(x.ambiguous for x in named) else "explained"
     return Decision(verdict, named, tuple(left), state.critical, state.fit, state.frame, state.scores, trail)
 
 

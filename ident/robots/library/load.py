@@ -5,6 +5,7 @@ its URDF, and, where known, `drive.json` (rotor inertia and friction) and `table
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -116,6 +117,7 @@ def load_robot(
     >>> ident.load_robot("puma560").n
     6
     """
+    name = os.fspath(name)
     if drive is not None and (transmission is not None or measured is not None):
         raise ConfigurationError("give either a drive table or transmission and measured, not both.")
     if name in built_in_names():
