@@ -108,6 +108,7 @@ def test_a_finding_that_held_out_data_cannot_show_is_ambiguous(one_sided: Case) 
     assert other.verdict is not Verdict.EXPLAINED, str(other)
 
 
+@pytest.mark.slow
 def test_a_finding_of_another_size_on_held_out_data_is_ambiguous(arm: tuple[ident.Robot, dict[str, Array]], one_sided: Case) -> None:
     """Three quarters of it act there: too much to rule it out, too little to be what was found."""
     (effect,), sizes = one_sided.missing, np.asarray(one_sided.sizes)
@@ -126,7 +127,11 @@ def test_nothing_is_found_where_friction_fluctuates_under_feedback(nothing_missi
         assert not found.findings
 
 
-@pytest.mark.parametrize(("name", "share"), [("offset", 0.8), ("linear_spring", 1.0)], ids=["offset", "linear_spring"])
+@pytest.mark.parametrize(
+    ("name", "share"),
+    [("offset", 0.8), pytest.param("linear_spring", 1.0, marks=pytest.mark.slow)],
+    ids=["offset", "linear_spring"],
+)
 def test_an_effect_is_named_alone_where_it_is(arm: tuple[ident.Robot, dict[str, Array]], name: str, share: float) -> None:
     robot, drive = arm
     effect = ident.make_effect(name, joints=[robot.joint_names[1]], label="+")
@@ -265,7 +270,7 @@ def test_what_has_no_name_is_described_by_what_it_follows_and_names_nothing(arm:
     assert all(f.confidence < 0.5 for f in found.findings)
 
 
-@pytest.mark.parametrize("order", [7.37, 8.0])
+@pytest.mark.parametrize("order", [7.37, pytest.param(8.0, marks=pytest.mark.slow)])
 def test_the_order_of_a_wheel_between_motor_and_joint_is_found(arm: tuple[ident.Robot, dict[str, Array]], order: float) -> None:
     robot, drive = arm
     effect = ident.make_effect("cogging", joints=[robot.joint_names[1]], label="+", angle="joint", order=order)

@@ -228,6 +228,7 @@ def test_a_field_beyond_all_bounds_is_told_with_its_file_and_line(tmp_path: Path
         ident.read_logs(tmp_path / "a.csv", robot)
 
 
+@pytest.mark.slow
 def test_very_many_columns_take_no_longer_for_each(tmp_path: Path, robot: ident.Robot) -> None:
     """Names were once looked up in a list for each column: 30,000 of them took half a minute."""
 
