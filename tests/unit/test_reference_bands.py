@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import butter, sosfiltfilt, welch
 
 import ident
+from ident.instruments.prepared import prepared
 
 Array = np.ndarray
 MASSES = (8.0, 2.0)
@@ -53,6 +54,19 @@ def test_a_motor_that_disturbances_move_at_every_frequency_keeps_to_the_bulk_of_
     assert moved["band_hz"] == pytest.approx(quiet["band_hz"], rel=0.1), "the other motor's band is its own"
     assert set(moved["narrower_hz"]) == {"y"}
     assert moved["narrower_hz"]["y"] < 0.5 * moved["band_hz"]
+
+
+def test_the_instrument_holds_of_each_motor_what_lies_below_its_own_frequency() -> None:
+    robot, log = recorded((1e-4, 0.2))
+    fit, told, _ = prepared(robot.rigid_body(), ident.ZeroPhase()(log, robot))
+    (run,) = fit.runs
+    rate = len(run.measured.t) / (run.measured.t[-1] - run.measured.t[0])
+    f, measured = welch(run.measured.motor.dq, rate, nperseg=1024, axis=0)
+    kept = welch(run.instrument.motor.dq, rate, nperseg=1024, axis=0)[1] / measured
+    between = (f > 1.5 * told.narrower["y"]) & (f < 0.6 * told.band_hz)
+    assert between.any()
+    assert np.all(kept[between, 1] < 0.01)
+    assert np.all(kept[between, 0] > 0.9)
 
 
 def test_where_every_motor_is_moved_so_one_band_counts() -> None:
