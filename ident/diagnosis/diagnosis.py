@@ -22,9 +22,9 @@ from .analysed import analysed
 from .confidence import confidence
 from .described import LeftoverDescription, told
 from .detectability import undetectable
-from .held_out import contradicted, contradicted_heap, heaps, louder, presence, unconfirmed
+from .held_out import presence
+from .judged import against_held_out, beside_held_out, judged
 from .pictures import diagnosis_figure, diagnosis_frame, findings_section
-from .quality import jumps, lost
 from .refits import estimator_of, fitted, fitted_without, plainly_named
 from .result import Finding, Hidden, Unexplained
 from .text import diagnosis_text
@@ -205,67 +205,55 @@ def diagnose(
     clean
     """
     held = None if held is None else before.prepared(held)
+    signals = _fitted_signals(before, fit)
+    estimator = estimator or estimator_of(before)
+    tell = progress or (lambda _: None)
+    tell(0.0)
+    decision, instrument = analysed(before.model, signals, note, lambda share: tell(0.9 * share), values=before.all_values)
+    found = _reported(before, decision, instrument, signals, held, estimator)
+    tell(1.0)
+    return found
+
+
+def _fitted_signals(before: Estimate, fit: Any | None) -> Signals:
+    """What the declared model was fitted to, as given or within the session. Raises ConfigurationError where neither is."""
     signals = before.prepared(fit) if fit is not None else before.problem.signals if before.problem is not None else None
     if signals is None:
         raise ConfigurationError(
             "a saved estimate does not contain the signals it was fitted to; give them: diagnose(estimate, held, fit=signals)."
         )
-    estimator = estimator or estimator_of(before)
-    tell = progress or (lambda _: None)
-    tell(0.0)
-    decision, instrument = analysed(before.model, signals, note, lambda share: tell(0.9 * share), values=before.all_values)
+    return signals
+
+
+def _reported(
+    before: Estimate, decision: Decision, instrument: Instrument, signals: Signals, held: Signals | None, estimator: Estimator
+) -> Diagnosis:
+    """What was decided, refitted and judged on the report's data."""
     declared = fitted(before.model, signals, estimator, None, before)
     effects = tuple(x.effect for x in decision.named)
     after = declared if not effects else fitted(plainly_named(before.model, effects), signals, estimator, decision.fit.values, declared)
     if held is not None:
         declared, after = (e.with_heldout(e.torque_error(held)) for e in (declared, after))
     report = signals if held is None else held
-    without = tuple(compare(fitted_without({i}, decision, declared, estimator, signals), after, report) for i in range(len(decision.named)))
+
+    def fewer(which: set[int]) -> Estimate:
+        return fitted_without(which, decision, declared, estimator, signals)
+
+    without = tuple(compare(fewer({i}), after, report) for i in range(len(decision.named)))
     shares = [presence(c.before, after, held) if held is not None else (np.nan, np.nan) for c in without]
-    verdict, unexplained = _verdict(decision, signals)
+    verdict, unexplained = judged(decision, signals)
     if held is not None:
-        worse = [*contradicted(decision.named, shares), *louder(after, signals, held)]
-        for own in heaps(decision.named):
-            fewer = fitted_without(set(own), decision, declared, estimator, signals)
-            worse += contradicted_heap([decision.named[i] for i in own], presence(fewer, after, held))
-        verdict, unexplained = _beside_held_out(verdict, shares, worse), (*unexplained, *worse)
+        worse = against_held_out(decision.named, shares, fewer, after, signals, held)
+        verdict, unexplained = beside_held_out(verdict, shares, worse), (*unexplained, *worse)
     _LOG.info("verdict %s; %s", verdict.value, "; ".join(decision.trail[-3:]))
     findings = _findings(decision, declared.model.robot, without, shares, verdict)
     description = _described(decision.laws, after, report, estimator, signals)
-    tell(1.0)
     said = [] if held is not None else ["no data were held out: errors before and after are of the data fitted."]
     warnings = tuple(dict.fromkeys((*_of_the_declared(before, findings), *signals.report.warnings, *said)))
     return Diagnosis(
         verdict, findings, unexplained, declared, after, signals, held, decision, instrument, undetectable(decision), warnings,
         description,
     )  # fmt: skip
-
-
-def _verdict(decision: Decision, signals: Signals) -> tuple[Verdict, tuple[Unexplained, ...]]:
-    """The verdict with what is seen without any model: jumps, joints that no row is left of."""
-    verdict = Verdict(decision.verdict)
-    left: list[Unexplained] = []
-    seen: set[tuple[str, ...]] = set()
-    for x in sorted(decision.left, key=lambda x: (x.named, -x.z)):
-        if x.joints in seen:
-            continue
-        seen.add(x.joints)
-        where = ", ".join(x.joints) or "the whole robot"
-        said = f"{where}: the residual depends on {x.name} (z {x.z:.1f}, chance and tolerance explain up to {decision.critical:.1f})"
-        left.append(Unexplained(x.joints[0] if x.joints else "", x.name, said, float(x.z**2)))
-    plain, blind = jumps(signals), lost(signals)
-    if plain:
-        verdict = Verdict.UNEXPLAINED
-    elif blind and verdict in (Verdict.CLEAN, Verdict.EXPLAINED):
-        verdict = Verdict.AMBIGUOUS
-    return verdict, (*left, *plain, *blind)
-
-
-def _beside_held_out(verdict: Verdict, shares: list[tuple[float, float]], worse: list[Unexplained]) -> Verdict:
-    """The verdict with what data held out say: what contradicts it, and whether they show what is named."""
-    if worse:
-        return Verdict.UNEXPLAINED
-    return Verdict.AMBIGUOUS if verdict == Verdict.EXPLAINED and any(map(unconfirmed, shares)) else verdict
 
 
 def _findings(

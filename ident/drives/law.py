@@ -13,6 +13,7 @@ import numpy as np
 from .._utils.text import counted
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from ..logs.log import run_of
+from ..robots.tables import LAW_CONSTANTS
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
@@ -87,9 +88,7 @@ _FORMS: dict[str, type[StrEnum]] = {"command": CommandForm, "velocity_command": 
 
 
 #: What `[drive]` says of a law, as `DriveLaw.of` takes it.
-_KEYS = (
-    "kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", "ki", "integral_start", "no_load_speed", "deadband", *_GEAR, *_FORMS
-)  # fmt: skip
+_KEYS = (*LAW_CONSTANTS, *_FORMS)
 
 
 @dataclass(frozen=True, eq=False)

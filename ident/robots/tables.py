@@ -115,7 +115,7 @@ class RobotTable:
 
 
 #: Constants of a law from command to torque.
-_CONSTANTS = (
+LAW_CONSTANTS = (
     "kp", "kd", "delay_s", "effort_limit", "torque_scale", "back_emf", "gear_loss", "gear_loss_square", "gear_loss_slow", "slow_speed",
     "joint_stiffness", "joint_damping", "feed_forward", "command_lag_s", "deadband", "ki", "integral_start", "no_load_speed",
 )  # fmt: skip
@@ -169,7 +169,7 @@ class DriveTable:
 
     #: Keys that a log may have for itself, under `by_log`.
     OF_A_LOG: ClassVar[Mapping[str, Kind]] = {
-        **dict.fromkeys(_CONSTANTS, constants),
+        **dict.fromkeys(LAW_CONSTANTS, constants),
         "command": one_of("staircase", "ramp"),
         "velocity_command": one_of("logged", "zero", "derivative"),
         "supply": one_of("logged", "mean"),

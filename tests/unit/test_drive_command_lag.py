@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -87,6 +88,15 @@ def test_a_filter_is_found_beside_the_delay(robot):
     assert not astray(fit, {"lag": 0.018, "delay": 0.006, "Ia_joint1": 0.012, "Fc_joint1": 0.15})
     assert fitted(robot, log).fit_rms[0] > 3.0 * fit.fit_rms[0]
     assert fitted(robot, log, command_lag_s=0.018).fit_rms[0] < 6e-4
+
+
+@needs_native
+def test_what_is_fed_forward_is_not_smoothed(robot):
+    """kp (q_cmd - q) is -kp q with kp q_cmd fed forward; of a command that stays at nothing the filter makes nothing."""
+    log = log_of(4201, lag=0.0)
+    sent = np.asarray(log.extra["q_cmd1"])
+    forward = replace(log, extra={"q_cmd1": np.zeros_like(sent), "tau_ff1": GAINS["kp"] * sent})
+    assert fitted(robot, forward, command_lag_s=0.05).fit_rms[0] < 6e-4
 
 
 @needs_native

@@ -120,22 +120,31 @@ def load_robot(
     name = os.fspath(name)
     if drive is not None and (transmission is not None or measured is not None):
         raise ConfigurationError("give either a drive table or transmission and measured, not both.")
+    given = {"gravity": gravity, "locked": locked, "joints": joints, "loop": loop, "floating_base": floating_base}
+    return _loaded(name, payload, given, transmission, measured, drive)
+
+
+def _loaded(
+    name: str,
+    payload: str | None,
+    given: Mapping[str, Any],
+    transmission: Transmission | Array | None,
+    measured: Side | str | None,
+    drive: DriveTable | None,
+) -> Robot:
+    """The robot of a name; what is `given`, unless it is None, replaces what its own description says."""
     if name in built_in_names():
         own, offered = _read(robot_folder(name))
     else:
         own, offered = _Own(RobotTable(urdf=find_example(name))), {}
     arguments: dict[str, Any] = {
-        "gravity": next(g for g in (gravity, own.robot.gravity, STANDARD_GRAVITY) if g is not None),
-        "loop": own.loop if loop is None else loop,
-        "floating_base": floating_base or own.robot.floating_base,
+        "gravity": next(g for g in (given["gravity"], own.robot.gravity, STANDARD_GRAVITY) if g is not None),
+        "loop": own.loop if given["loop"] is None else given["loop"],
+        "floating_base": given["floating_base"] or own.robot.floating_base,
         "name": name,
     }
-    robot = Robot.from_urdf(
-        _urdf(own, payload, offered, name),
-        locked=own.robot.locked if locked is None else locked,
-        joints=own.robot.joints if joints is None else joints,
-        **arguments,
-    )
+    kept = {key: getattr(own.robot, key) if given[key] is None else given[key] for key in ("locked", "joints")}
+    robot = Robot.from_urdf(_urdf(own, payload, offered, name), **kept, **arguments)
     robot = replace(robot, source={**robot.source, "robot": name, "payload": payload})
     if transmission is not None:
         return robot.with_transmission(Transmission.of(transmission, measured or Side.JOINT))
