@@ -16,7 +16,7 @@ from ...errors import IdentError
 from ...instruments.columns import is_order, motor_columns
 from ...instruments.fit import Fit, depends
 from .places import places
-from .shapes import shapes
+from .shapes import shapes, waves
 
 if TYPE_CHECKING:
     from ...effects.motion import Motion
@@ -56,13 +56,15 @@ class _Kept:
 @dataclass(frozen=True, eq=False)
 class Catalogue:
     """Groups, and for each motor which columns act on it (`places`) and their spectra for each run (k, F): `fixed` ones, that hang on the
-    motion alone, come first; `following` ones follow what a model predicts."""
+    motion alone, come first; `following` ones follow what a model predicts. `waves`: for each motor, columns of friction that varies along
+    the travel, per unit of it (no group's: some of it always does)."""
 
     groups: list[Group]
     places: list[Array]
     fixed: list[list[Array]]
     following: list[list[Array]]
     count: int
+    waves: list[Array] = field(default_factory=list)
     _kept: _Kept = field(default_factory=_Kept, repr=False)
 
     @classmethod
@@ -164,10 +166,17 @@ def _made(fit: Fit, effects: Iterable[tuple[Effect, tuple[str, ...]]], speeds: A
     for name, j, columns in shapes(motions, speeds) if speeds is not None else ():
         spectra = {j: [run.masked_spectra(x, j, np.float32) for run, x in zip(fit.runs, columns, strict=True)]}
         add(name, (fit.robot.joint_names[j],), None, columns[0].shape[1], spectra)
+    along: list[Array] = [np.zeros(0, int) for _ in range(n)]
+    for j, each in waves(motions, speeds) if speeds is not None else ():
+        along[j] = np.arange(count, count + each[0].shape[1])
+        count += len(along[j])
+        ids[0][j].append(along[j])
+        for i, (run, x) in enumerate(zip(fit.runs, each, strict=True)):
+            parts[0][j][i].append(run.masked_spectra(x, j, np.float32))
     places = [np.concatenate([np.zeros(0, int), *own, *others]) for own, others in zip(*ids, strict=True)]
     none = [run.band.spectra(np.zeros((run.band.samples, 0)), precision=np.float32) for run in fit.runs]
     fixed, following = ([[np.concatenate([empty, *x]) for empty, x in zip(none, each, strict=True)] for each in kind] for kind in parts)
-    return Catalogue(groups, places, fixed, following, count)
+    return Catalogue(groups, places, fixed, following, count, along)
 
 
 def _spectra(fit: Fit, effect: Effect, motions: Sequence[Motion]) -> dict[int, list[Array]]:

@@ -19,6 +19,21 @@ def hats(x: Array, count: int) -> Array:
     return np.maximum(0.0, 1.0 - np.abs(u[:, None] - np.arange(count)))
 
 
+#: Waves along a joint's travel in which friction varies a little.
+_WAVES = 16
+
+
+def waves(motions: list[Motion], speeds: Array) -> Iterator[tuple[int, list[Array]]]:
+    """Motors with columns (N, k) for each run: the direction of motion times waves along the joint's travel."""
+    edges = np.cumsum([0, *map(len, motions)])[1:-1]
+    for j in np.flatnonzero(speeds > 0).tolist():
+        q = np.concatenate([m.joint.q[:, j] for m in motions])
+        w = np.concatenate([m.motor.dq[:, j] for m in motions])
+        low, high = np.quantile(q, [0.002, 0.998])
+        along = np.clip((q - low) / max(high - low, 1e-12), 0.0, 1.0)[:, None] * np.pi * np.arange(1, _WAVES + 1)
+        yield j, np.split(np.tanh(w / (speeds[j] / 250.0))[:, None] * np.cos(along), edges)
+
+
 #: Seconds after an event over which its answer is looked at.
 _AFTER = (0.0, 0.03, 0.06, 0.1, 0.16, 0.25, 0.4, 0.65)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..._utils.singular_values import pinv
 from ..thresholds import ABSORBED, LEVEL, MATERIAL, STRETCH
+from .constancy import Constancy, dry_levels
 
 if TYPE_CHECKING:
     from ...instruments.fit import Fit
@@ -119,9 +120,28 @@ class Scores:
         material = material_z(fit, frame)
         return cls(fit, frame, catalogue, kept.tolist(), Q @ resolved, starts, degrees, Q, squares, S, A, CZ, stretch, material)
 
+    @cached_property
+    def constancy(self) -> Constancy | None:
+        """What friction that varies a little along the travel adds to the directions' scores."""
+        import scipy.sparse as sparse
+
+        levels = np.repeat(dry_levels(self.fit), [len(x) for x in self.catalogue.waves]) if self.catalogue.waves else np.zeros(0)
+        places = np.concatenate([np.zeros(0, int), *self.catalogue.waves])[levels > 0]
+        if not len(places) or not len(self.kept):
+            return None
+        waves = sparse.csr_matrix((np.ones(len(places)), places, np.arange(len(places) + 1)), shape=(len(places), self.catalogue.count))
+        return Constancy.of(self._products(self.directions, waves), levels[levels > 0], self.starts, self.degrees)
+
+    def _tempered(self, scores: Array) -> Array:
+        """Scores (c, …) of the directions over what noise and friction that is never quite constant make of them."""
+        return scores if self.constancy is None else self.constancy.tempered(scores)
+
     def gram(self, left: Array, right: Array) -> Array:
         """Covariance of some directions (c,) with others (d,)."""
-        Q, P = self.directions[left], self.directions[right]
+        return self._products(self.directions[left], self.directions[right])
+
+    def _products(self, Q: Any, P: Any) -> Array:
+        """Covariance of combinations (c, P) of the columns with others (d, P), both sparse."""
         rows, columns = np.unique(Q.indices), np.unique(P.indices)
         square = np.array_equal(rows, columns)
         G = np.zeros((len(rows), len(columns)))
@@ -139,7 +159,7 @@ class Scores:
     def of_blocks(self, which: Array) -> Array:
         """z (K,) of some blocks (B,) alone."""
         scores = self.raw_blocks[:, which].sum(axis=1)
-        scores = self.directions @ (scores - _unresolved(self.fit, self.catalogue, self.squares, scores))
+        scores = self._tempered(self.directions @ (scores - _unresolved(self.fit, self.catalogue, self.squares, scores)))
         return z_of(np.add.reduceat(scores**2, self.starts), self.degrees) if len(self.kept) else np.zeros(0)
 
     @cached_property
@@ -167,14 +187,14 @@ class Scores:
     @cached_property
     def plain(self) -> Array:
         """z (K,) of the whole log."""
-        return z_of(np.add.reduceat(self.total**2, self.starts), self.degrees)
+        return z_of(np.add.reduceat(self._tempered(self.total) ** 2, self.starts), self.degrees)
 
     @cached_property
     def z(self) -> Array:
         """z (K,), the least over all windows of a tenth of the log (`stretch`) that are left out: no single one decides. Where one may, a
         score counts for no more than its own rows bear out."""
         if self.stretch > 0.0:
-            return z_of(least_squares_left(self.blocks, self.starts, self.stretch), self.degrees)
+            return z_of(least_squares_left(self._tempered(self.blocks), self.starts, self.stretch), self.degrees)
         return np.asarray(np.minimum(self.plain, self.self_normalised))
 
     @cached_property
@@ -237,19 +257,21 @@ class Scores:
         left = self.total - g @ (inner @ self.total[directions])
         h = g @ inner
         energy = 1.0 - np.einsum("ij,ij->i", h, g)
-        squares = np.zeros(len(self.degrees))
+        squares, waves = np.zeros(len(self.degrees)), None if self.constancy is None else self.constancy.answers
         for d in np.unique(self.degrees):
             k = np.flatnonzero(self.degrees == d)
             ii = self.starts[k][:, None] + np.arange(d)
             r = left[ii]
             if d == 1:
                 e = energy[ii[:, 0]]
-                squares[k] = np.where(e > 1e-3, r[:, 0] ** 2 / np.maximum(e, 1e-3), 0.0)
+                more = 0.0 if waves is None else np.sum(waves[ii[:, 0]] ** 2, axis=1)
+                squares[k] = np.where(e > 1e-3, r[:, 0] ** 2 / (np.maximum(e, 1e-3) + more), 0.0)
             else:
                 own = np.eye(d) - h[ii] @ g[ii].swapaxes(1, 2)
                 w, U = np.linalg.eigh((own + np.swapaxes(own, 1, 2)) / 2.0)
                 along = np.einsum("kab,ka->kb", U, r)
-                squares[k] = np.where(w > 1e-3, along**2 / np.maximum(w, 1e-3), 0.0).sum(axis=1)
+                more = 0.0 if waves is None else np.sum((U.swapaxes(1, 2) @ waves[ii]) ** 2, axis=2)
+                squares[k] = np.where(w > 1e-3, along**2 / (np.maximum(w, 1e-3) + more), 0.0).sum(axis=1)
         return z_of(squares, self.degrees), np.minimum.reduceat(energy, self.starts)
 
 

@@ -34,11 +34,13 @@ def parametric(scores: Scores, level: float = LEVEL) -> float:
     for groups in scores.parts:
         ix = np.concatenate([scores.slice_of(k) for k in groups.tolist()])
         degrees = scores.degrees[groups]
-        own = scores.gram(ix, ix)
+        own, waves = scores.gram(ix, ix), scores.constancy
+        own = own if waves is None else own + waves.answers[ix] @ waves.answers[ix].T
         L = np.linalg.cholesky((own + own.T) / 2.0 + 1e-5 * np.eye(len(ix))).astype(np.float32)
         normal = rng.normal(size=(len(ix), _PARTS * _DRAWS)).astype(np.float32) / np.float32(np.sqrt(_PARTS))
         parts = strmm(1.0, L.T, normal.T, side=1, overwrite_b=1).T.reshape(len(ix), _PARTS, _DRAWS)
         starts = np.cumsum(np.concatenate([[0], degrees[:-1]]))
+        parts = parts if waves is None else waves.tempered(parts, ix)
         squares = least_squares_left(parts, starts, scores.stretch)
         every = np.unique(degrees)
         most = np.stack([squares[degrees == d].max(axis=0) for d in every])
