@@ -251,11 +251,13 @@ class Fit:
         """Log-likelihood of a frame at the noise that it was solved at, if that is its own, up to a constant.
 
         P. Whittle, "Estimation and information in stationary time series", Arkiv för Matematik 2, 1953."""
-        total = 0.0
+        total = -0.5 * float(np.sum(frame.residual**2))
         for run, gain in zip(self.runs, frame.gains, strict=True):
             inside = gain[:, run.band.frequencies <= run.band.top_hz]
-            seen = inside[(inside > 0).all(axis=1)]
-            total += (run.band.inner.stop - run.band.inner.start) * float(np.log(seen).mean(axis=1).sum())
+            seen = (inside > 0).all(axis=1)
+            # Of as many values as the rows in use have: what lies between the band and half their rate is none.
+            count = (run.band.inner.stop - run.band.inner.start) * run.share[seen] * min(1.0, 2.0 * run.band.top_hz / run.band.row_rate)
+            total += float(np.sum(count * np.log(inside[seen]).mean(axis=1)))
         return total
 
     def _freed(self, frame: Solved) -> Array:
