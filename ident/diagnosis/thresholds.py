@@ -6,7 +6,7 @@ from __future__ import annotations
 LEVEL = 0.01
 #: Share of a motor's noise (rms) below which an effect is nothing: laws, masks and grids of shapes are exact to no less.
 MATERIAL = 0.05
-#: Share of its dry friction by which friction varies along the travel, in each of some waves, and nothing is missing: no law is as constant.
+#: Share by which dry friction varies along the travel, in each of some waves, and nothing is missing: no friction is more constant.
 CONSTANT = 0.005
 #: Share of the log that may not decide alone: a score counts as what is left without the stretch that speaks for it most.
 STRETCH = 0.1

@@ -248,17 +248,22 @@ class Fit:
         return float(np.sum(self._whitened(self._residual(frame), gains) ** 2))
 
     def likelihood(self, frame: Solved) -> float:
-        """Log-likelihood of a frame at the noise that it was solved at, if that is its own, up to a constant.
+        """Log-likelihood of a frame at the noise that it was solved at, if that is its own, as loud as what it leaves, up to a constant.
+
+        What a spectrum is too smooth for (a slow drift, a line) is no noise: it counts by its size.
 
         P. Whittle, "Estimation and information in stationary time series", Arkiv för Matematik 2, 1953."""
-        total = -0.5 * float(np.sum(frame.residual**2))
+        log_gains, count = np.zeros(self.robot.n), np.zeros(self.robot.n)
         for run, gain in zip(self.runs, frame.gains, strict=True):
             inside = gain[:, run.band.frequencies <= run.band.top_hz]
             seen = (inside > 0).all(axis=1)
             # Of as many values as the rows in use have: what lies between the band and half their rate is none.
-            count = (run.band.inner.stop - run.band.inner.start) * run.share[seen] * min(1.0, 2.0 * run.band.top_hz / run.band.row_rate)
-            total += float(np.sum(count * np.log(inside[seen]).mean(axis=1)))
-        return total
+            rows = (run.band.inner.stop - run.band.inner.start) * run.share * min(1.0, 2.0 * run.band.top_hz / run.band.row_rate)
+            log_gains[seen] += rows[seen] * np.log(inside[seen]).mean(axis=1)
+            count[seen] += rows[seen]
+        seen = count > 0
+        energy = np.sum(frame.residual**2, axis=0)[seen] / count[seen]
+        return float(np.sum(log_gains[seen] - 0.5 * count[seen] * np.log(np.maximum(energy, 1e-300))))
 
     def _freed(self, frame: Solved) -> Array:
         """What each motor's residual (n,) lacks of the noise, because parameters took it up: a factor of its power."""

@@ -1,4 +1,4 @@
-"""What friction that varies a little along the travel adds to scores: no law of friction is exact, and that it is not is nothing to find."""
+"""What friction that varies a little along the travel adds to scores: no law of friction is exact, and that is nothing to find."""
 
 from __future__ import annotations
 

@@ -1,0 +1,62 @@
+"""Friction is never quite constant along the travel, half a per cent of it is nothing to find; and a shape is
+sought by all that the residual says, its slow part too."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ident
+from ident.diagnosis import Verdict
+from tests.pendulum_logs import COULOMB, diagnosed, motion, needed, of
+
+Array = np.ndarray
+#: N m of white noise, a thousandth of the torque's size.
+QUIET = 0.02
+
+
+def varying(seed: int, share: float) -> ident.LogSet:
+    """A quiet log of friction that varies along the travel by a share of itself, in waves of half a turn and of a quarter."""
+    t, q, v, acceleration = motion(seed)
+    rng = np.random.default_rng([seed, 3])
+    more = share * COULOMB * np.sign(v) * (np.sin(2.0 * q + 0.4) + 0.5 * np.sin(4.0 * q))
+    return of(seed, t, q + 2e-6 * rng.normal(size=t.size), needed(q, v, acceleration) + more + QUIET * rng.normal(size=t.size))
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.0, Verdict.CLEAN), (0.006, Verdict.CLEAN), (0.2, Verdict.EXPLAINED)])
+def test_friction_may_vary_a_little_along_the_travel(share: float, verdict: Verdict) -> None:
+    found = diagnosed(varying(5, share), varying(6, share))
+    named = {f.effect.name for f in found.findings}
+    assert (found.verdict == Verdict.CLEAN) == (verdict == Verdict.CLEAN)
+    assert named == (set() if verdict == Verdict.CLEAN else {"position_dependent_friction"})
+
+
+def test_a_residual_with_a_slow_drift_is_less_likely() -> None:
+    """Slower than any spectrum of eight seconds resolves."""
+    fit = diagnosed(varying(5, 0.0), varying(6, 0.0)).decision.fit
+    frame = fit.solved(1)
+    slow = np.cos(np.linspace(0.0, 2.0 * np.pi, frame.rows))[:, None] * frame.residual.std(axis=0)
+    assert fit.likelihood(replace(frame, residual=frame.residual + slow)) < fit.likelihood(frame) - 0.1 * frame.rows
+
+
+def warming(seed: int, T: float) -> ident.LogSet:
+    """A log of dry friction that fades with a time constant, and fluctuates by a hundredth with 60 ms."""
+    t, q, v, acceleration = motion(seed)
+    rng = np.random.default_rng([seed, 4])
+    keep = np.exp(-np.median(np.diff(t)) / 0.06)
+    restless = np.zeros(t.size)
+    for k, x in enumerate(rng.normal(size=t.size)):
+        restless[k] = keep * restless[k - 1] + np.sqrt(1.0 - keep**2) * x if k else x
+    more = COULOMB * np.sign(v) * (0.6 * np.exp(-t / T) + 0.01 * restless)
+    return of(seed, t, q + 2e-6 * rng.normal(size=t.size), needed(q, v, acceleration) + more + QUIET * rng.normal(size=t.size))
+
+
+@pytest.mark.parametrize("T", [12.0, 20.0])
+def test_a_time_constant_is_found_beside_friction_that_fluctuates(T: float) -> None:
+    found = diagnosed(warming(7, T), warming(8, T))
+    assert [f.effect.name for f in found.findings] == ["temperature_drift_coulomb"]
+    shape = next(p for p in found.findings[0].parameters if p.name == "T")
+    assert abs(shape.value - T) < 3.0 * shape.std
+    assert shape.std < 0.1 * T
