@@ -158,7 +158,7 @@ def _sought(effect: Effect) -> int:
 
 def _candidates(state: EffectSearch, refused: set[Kind]) -> list[Group]:
     """Named groups beyond the critical value that come near the largest score: those beside which the least is left, and each kind of
-    effect where it scores best."""
+    effect on the joint that shows most, else where it scores best: scores of what is loud hardly differ between the joints."""
     scores, found, top = state.scores, {}, 0.0
     for k in np.argsort(-scores.z).tolist():
         g = scores.group(k)
@@ -170,13 +170,14 @@ def _candidates(state: EffectSearch, refused: set[Kind]) -> list[Group]:
     every = list(found.values())
     if len(every) <= _TRIED:
         return [scores.group(k) for k in every]
+    loudest = scores.group(int(np.argmax(scores.z))).joints
     of_name: dict[str, int] = {}
-    for k in every:
+    for k in sorted(every, key=lambda k: scores.group(k).joints != loudest):
         of_name.setdefault(scores.group(k).name, k)
     left = {k: float(scores.beside(scores.slice_of(k))[0].max(initial=0.0)) for k in every[: 2 * _TRIED]}
     # Of those alike, those that ask for less come first.
     ranked = sorted(left, key=lambda k: (round(left[k], 1), rank(scores.group(k))))
-    chosen = dict.fromkeys([*ranked[: _TRIED // 3], *list(of_name.values())[:_TRIED], *ranked])
+    chosen = dict.fromkeys([*ranked[: _TRIED // 3], *list(of_name.values()), *ranked])
     return [scores.group(k) for k in list(chosen)[:_TRIED]]
 
 
