@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._utils.singular_values import pinv
-from ..instruments.columns import effect_columns, is_order
 from ..instruments.fit import Fit
 from ..instruments.solved import SINGULAR, deviations
-from ..instruments.spectra import Spectra
 from .inference.scores import blocks
+from .inference.slopes import Slope, slopes
 from .result import FoundParameter
 
 if TYPE_CHECKING:
@@ -21,17 +19,16 @@ if TYPE_CHECKING:
     from ..instruments.solved import Solved
 
 Array = np.ndarray
-_STEP = 1e-3
 
 
 def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParameter, ...]]:
     """Parameters of each accepted effect: the linear ones, then shapes. Shapes enter by their slopes at the fit, as further columns."""
     robot = fit.robot
-    slopes = _slopes(fit, frame)
-    free = [s for s in slopes if not s.told]
+    found = slopes(fit, frame)
+    free = [s for s in found if not s.told]
     std = _deviations(fit, frame, free, ())
     shape_std = {s.key: float(std[frame.X.shape[2] + i]) for i, s in enumerate(free)}
-    if told := [s for s in slopes if s.told]:
+    if told := [s for s in found if s.told]:
         shape_std |= {s.key: float(x) for s, x in zip(told, _deviations(fit, frame, free, told)[-len(told) :], strict=True)}
     out: dict[Effect, tuple[FoundParameter, ...]] = {}
     start = fit.declared.base.count
@@ -51,49 +48,7 @@ def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParamet
     return out
 
 
-@dataclass(frozen=True)
-class _Slope:
-    """How an effect's torque changes with one of its shapes, as a column of each run: measured motion, instrument. `told`: coefficients
-    whose mean is what the shape says, `rate` by which it says more per unit of the shape; none where the shape is sought by itself."""
-
-    effect: Effect
-    name: str
-    x: list[Spectra]
-    z: list[Spectra]
-    told: tuple[int, ...] = ()
-    rate: float = 0.0
-
-    @property
-    def key(self) -> tuple[Effect, str]:
-        return self.effect, self.name
-
-
-def _slopes(fit: Fit, frame: Solved) -> list[_Slope]:
-    robot, found = fit.robot, []
-    start = fit.declared.base.count
-    for effect in fit.effects:
-        own = tuple(range(start, start + len(effect.parameters(robot))))
-        start += len(own)
-        tied = effect.response(robot) is not None
-        for p in () if is_order(effect) else effect.shape():
-            if p.points == 1 or (tied and (p.name != effect.told_shape(robot) or getattr(effect, p.name) == 0.0)):
-                continue
-            x, z = (_slope(fit, effect, p.name, frame.theta[list(own)], instrument=side) for side in (False, True))
-            if any(not each.empty for each in z):
-                rate = _rate(effect, p.name, fit) if tied else 0.0
-                found.append(_Slope(effect, p.name, x, z, own if tied else (), rate))
-    return found
-
-
-def _rate(effect: Effect, name: str, fit: Fit) -> float:
-    """Change of what an effect's values are by its law, per unit of one of its shapes."""
-    more, less = (effect.with_shape(**{name: x}) for x in _ends(effect, name))
-    apart = float(getattr(more, name)) - float(getattr(less, name))
-    up, down = (np.mean(np.asarray(each.response(fit.robot), float)) for each in (more, less))
-    return float(up - down) / apart
-
-
-def _deviations(fit: Fit, frame: Solved, free: Sequence[_Slope], told: Sequence[_Slope]) -> Array:
+def _deviations(fit: Fit, frame: Solved, free: Sequence[Slope], told: Sequence[Slope]) -> Array:
     """Standard deviations of the coefficients, of free shapes, then of those that their effects' values tell: each of the latter is one
     more unknown, and one more equation, that the values go on being what the shape says."""
     both = [*free, *told]
@@ -128,21 +83,3 @@ def _uneven(fit: Fit, frame: Solved, Z: Array, equations: Array) -> Array:
     inverse = pinv(equations, rcond=SINGULAR)[:, : Z.shape[2]]
     count = len(cuts)
     return np.sqrt(np.sum((scores @ inverse.T) ** 2, axis=0) * count / max(count - 1, 1))
-
-
-def _slope(fit: Fit, effect: Effect, name: str, values: Array, *, instrument: bool) -> list[Spectra]:
-    """The slope of an effect's torque over one of its shapes, as a column of each run."""
-    ends = _ends(effect, name)
-    found = []
-    for run, motion in zip(fit.runs, fit.motions(instrument=instrument, effect=effect), strict=True):
-        up, down = (effect_columns(effect.with_shape(**{name: x}), motion, fit.robot) @ values for x in ends)
-        found.append(Spectra.of(((up - down) / max(ends[0] - ends[1], 1e-300))[:, :, None], run))
-    return found
-
-
-def _ends(effect: Effect, name: str) -> tuple[float, float]:
-    """Two values of a shape beside its own."""
-    at = float(getattr(effect, name))
-    p = next(p for p in effect.shape() if p.name == name)
-    h = _STEP * max(abs(at), 1e-6)
-    return float(np.clip(at + h, p.lower, p.upper)), float(np.clip(at - h, p.lower, p.upper))

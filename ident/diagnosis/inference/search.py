@@ -18,6 +18,7 @@ from ..thresholds import LEVEL, STRETCH
 from .refinement import agreed, at_an_end, can_be, likeliest, refined, settled, within_range
 from .scores import Scores
 from .significance import parametric
+from .slopes import balanced
 
 if TYPE_CHECKING:
     from ...effects.base import Effect
@@ -131,7 +132,10 @@ class EffectSearch:
             better = agreed(better, fit.effects, fit)
             changed |= better != effect
             self.accepted[i] = (better, joints)
-        if changed:
+        effects = tuple(e for e, _ in self.accepted)
+        better = balanced(effects, self.fit, self.fit.with_effects(effects).solved(1).gains) if any(e.shape() for e in effects) else effects
+        self.accepted = [(e, joints) for e, (_, joints) in zip(better, self.accepted, strict=True)]
+        if changed or better != effects:
             self.solve()
 
     def labelled(self, effect: Effect) -> Effect:
