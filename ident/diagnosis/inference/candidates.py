@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...effects.kinds import Nature
+from ...instruments.columns import is_order
 from ...instruments.fit import depends
 from ...instruments.thresholds import BOUND
 from ..design.catalogue import Catalogue
@@ -217,8 +218,9 @@ def _stands(state: EffectSearch, trial: Trial) -> bool:
 
 
 def tried(state: EffectSearch, group: Group, anew: int = 0) -> Trial:
-    """A refit with a group's effect, its shape sought first at the noise before, then at the noise after it; `anew`: times that it is
-    sought over its whole range again, where what it accounts for drowns all else."""
+    """A refit with a group's effect, its shape sought first at the noise before, and with one weight for all frequencies, because what is
+    missing passes for noise; then at the noise after it. `anew`: times that it is sought over its whole range again, where what it accounts
+    for drowns all else."""
     assert group.effect is not None
     joints, others = group.joints, tuple(e for e, _ in state.accepted)
     passes = PASSES if depends(group.effect) else 1
@@ -227,8 +229,10 @@ def tried(state: EffectSearch, group: Group, anew: int = 0) -> Trial:
         fit = state.fit.with_effects((*others, effect))
         return fit, fit.solved(passes)
 
-    effect = state.labelled(refined(group.effect, joints, state.fit, state.frame))
-    fit, frame = solved(effect)
+    own = [group.effect] if is_order(group.effect) or not group.effect.shape() else [group.effect, None]
+    shapes = dict.fromkeys(refined(group.effect, joints, state.fit, state.frame if each else state.flat) for each in own)
+    begun = [(e, *solved(e)) for e in map(state.labelled, shapes)]
+    effect, fit, frame = max(begun, key=lambda x: x[1].likelihood(x[2])) if len(begun) > 1 else begun[0]
     for _ in range(anew):
         wider = refined(effect, joints, state.fit, state.fit.behind(frame.gains))
         if wider != effect:

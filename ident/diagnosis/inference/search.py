@@ -48,6 +48,7 @@ class EffectSearch:
     accepted: list[Placed] = field(default_factory=list)
     stretch: float = STRETCH
     frame: Solved = field(init=False)
+    _flat: tuple[Solved, Solved] | None = field(init=False, default=None, repr=False)
     scores: Scores = field(init=False)
     chance: float = field(init=False, default=0.0)
     _solved: dict[tuple[Placed, ...], tuple[Fit, Solved, Catalogue, Scores, Array | None]] = field(default_factory=dict, repr=False)
@@ -99,6 +100,13 @@ class EffectSearch:
         """What a score must exceed: chance, and what is not material."""
         return self.chance + self.scores.material
 
+    @property
+    def flat(self) -> Solved:
+        """The frame with one weight for all frequencies."""
+        if self._flat is None or self._flat[0] is not self.frame:
+            self._flat = self.frame, self.fit.behind(self.fit.flat(self.frame))
+        return self._flat[1]
+
     def fit_without(self, i: int) -> Fit:
         """The fit with all accepted effects but the i-th."""
         return self.fit.with_effects(tuple(e for k, (e, _) in enumerate(self.accepted) if k != i))
@@ -133,9 +141,10 @@ class EffectSearch:
             changed |= better != effect
             self.accepted[i] = (better, joints)
         effects = tuple(e for e, _ in self.accepted)
-        better = balanced(effects, self.fit, self.fit.with_effects(effects).solved(1).gains) if any(e.shape() for e in effects) else effects
-        self.accepted = [(e, joints) for e, (_, joints) in zip(better, self.accepted, strict=True)]
-        if changed or better != effects:
+        shaped = any(e.shape() for e in effects)
+        found = balanced(effects, self.fit, self.fit.with_effects(effects).solved(1).gains) if shaped else effects
+        self.accepted = [(e, joints) for e, (_, joints) in zip(found, self.accepted, strict=True)]
+        if changed or found != effects:
             self.solve()
 
     def labelled(self, effect: Effect) -> Effect:
