@@ -7,7 +7,7 @@ LEVEL = 0.01
 #: Share of a motor's noise (rms) below which an effect is nothing: laws, masks and grids of shapes are exact to no less.
 MATERIAL = 0.05
 #: Share by which dry friction varies along the travel, in each of some waves, and nothing is missing: no friction is more constant.
-CONSTANT = 0.002
+CONSTANT = 0.001
 #: Share of the log that may not decide alone: a score counts as what is left without the stretch that speaks for it most.
 STRETCH = 0.1
 #: Energy of a column that is left beside the model's, below which the model absorbs it.

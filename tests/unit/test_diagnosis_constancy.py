@@ -1,4 +1,4 @@
-"""Friction is never quite constant along the travel, a per cent of it in all is nothing to find; and a shape is
+"""Friction is never quite constant along the travel, half a per cent of it in all is nothing to find; and a shape is
 sought by all that the residual says, its slow part too."""
 
 from __future__ import annotations
