@@ -238,7 +238,7 @@ def test_what_one_stretch_alone_shows_is_told_and_names_nothing() -> None:
     """A brake that drags for two and a half seconds of forty: the whole log speaks of it, and without those seconds nothing does."""
 
     def brake(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
-        return 1.5 * np.sign(v) * ((t > 20.0) & (t < 22.5))
+        return 2.0 * np.sign(v) * ((t > 20.0) & (t < 22.5))
 
     found = diagnosed(recorded(25, brake), recorded(26, brake))
     assert found.verdict is Verdict.UNEXPLAINED, str(found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from ...instruments.fit import Fit
 from ...instruments.solved import deviations, inverse_of
 from ...instruments.spectra import Spectra
 from ..design.places import search_range
+from .refinement import can_be
 
 if TYPE_CHECKING:
     from ...effects.base import Effect
@@ -64,11 +66,14 @@ def balanced(effects: tuple[Effect, ...], fit: Fit, gains: tuple[Array, ...]) ->
 
     A score is largest at the shape whose column along the instrument is most like the residual; the instrument's motion is smoother than
     the measured one, so that friction that builds up was found over a distance 5 % too long. The slopes are further columns of the same
-    equations, and where their coefficients are zero the shapes are those that the standard deviations are of."""
+    equations, and where their coefficients are zero the shapes are those that the standard deviations are of. No shape goes where its
+    effect's values are those of no such effect."""
     best, least = effects, np.inf
     for _ in range(_BALANCED):
         other = fit.with_effects(effects)
         frame = other.behind(gains)
+        if effects != best and not _can_all_be(other, frame):
+            return best
         free = [s for s in slopes(other, frame) if not s.told]
         if not free:
             return best
@@ -81,6 +86,14 @@ def balanced(effects: tuple[Effect, ...], fit: Fit, gains: tuple[Array, ...]) ->
             return best
         effects = tuple(_moved(e, fit, {s.name: float(d) for s, d in zip(free, step, strict=True) if s.effect == e}) for e in effects)
     return best
+
+
+def _can_all_be(fit: Fit, frame: Solved) -> bool:
+    """Whether the values of all accepted effects are those of such effects."""
+    counts = [len(e.parameters(fit.robot)) for e in fit.effects]
+    ends = np.cumsum([fit.declared.base.count, *counts])
+    own = [slice(a, b) for a, b in pairwise(ends.tolist())]
+    return all(can_be(e, fit, frame.theta[x], frame.std[x]) for e, x in zip(fit.effects, own, strict=True))
 
 
 def _steps(fit: Fit, frame: Solved, free: Sequence[Slope]) -> tuple[Array, Array]:
