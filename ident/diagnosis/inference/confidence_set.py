@@ -11,7 +11,7 @@ import numpy as np
 
 from ..design.catalogue import Catalogue
 from ..thresholds import COMPETES, CONTAINED
-from .candidates import left_beside, parameters, rank, tried
+from .candidates import parameters, rank, tried
 from .search import REPEATABLE
 
 if TYPE_CHECKING:
@@ -85,8 +85,9 @@ def accepted_effect(state: EffectSearch, i: int, *, suffices: bool) -> AcceptedE
     """The i-th accepted effect with its score beside the others, and what could stand in its place; `suffices`: nothing is left beside all
     of them. Where something is, what leaves no more does as well, and no other is refitted at its best."""
     effect, joints = state.accepted[i]
-    members = competing(state, i, max(state.critical, float(state.scores.z.max(initial=0.0))))
-    others = _at_their_best(state, i, members) if suffices else []
+    limit = max(state.critical, float(state.scores.of_noise_alone.z.max(initial=0.0)))
+    members = competing(state, i, limit)
+    others = _at_their_best(state, i, members, limit) if suffices else []
     _, z = own_score(state, i)
     return AcceptedEffect(effect, joints, z, tuple(m.beside(z, state.frame.rows) for m in (*members, *others)))
 
@@ -102,10 +103,11 @@ def own_score(state: EffectSearch, i: int) -> tuple[float, float]:
 def competing(state: EffectSearch, i: int, limit: float | None = None) -> tuple[Member, ...]:
     """Effects that could stand in the place of the i-th accepted one, so that nothing is left beside them, or nothing beyond a `limit`.
 
-    They are put in its place to first order. Those that have its very columns stand or fall with it."""
+    They are put in its place to first order. Those that have its very columns stand or fall with it. Friction that is never quite constant
+    is left beside any of them: what one leaves counts in units of noise alone, against the limit of what all leave."""
     limit = state.critical if limit is None else limit
     effect, joints = state.accepted[i]
-    scores, own = state.without(i), (effect.name, joints)
+    scores, own = state.without(i).of_noise_alone, (effect.name, joints)
     # A joint does not have one effect twice.
     taken = {own, *((e.name, at) for e, at in state.accepted if e.name not in REPEATABLE)}
     mine = [k for k in range(len(scores.kept)) if scores.group(k).kind == own]
@@ -127,7 +129,7 @@ def competing(state: EffectSearch, i: int, limit: float | None = None) -> tuple[
     return tuple(sorted(found.values(), key=lambda m: m.left))
 
 
-def _at_their_best(state: EffectSearch, i: int, members: tuple[Member, ...]) -> list[Member]:
+def _at_their_best(state: EffectSearch, i: int, members: tuple[Member, ...], limit: float) -> list[Member]:
     """Others that could stand in the place of the i-th accepted effect at shapes of their own between those of the catalogue, by refits."""
     own = state.accepted[i]
     known = {(m.effect.name, m.joints) for m in members} | {(own[0].name, own[1])}
@@ -142,9 +144,10 @@ def _at_their_best(state: EffectSearch, i: int, members: tuple[Member, ...]) -> 
     found = []
     for k in near.values():
         trial = tried(others, others.scores.group(k))
-        left = left_beside(others, trial, state.frame.gains)
-        beside = state.scored(trial.fit, trial.fit.behind(state.frame.gains), Catalogue.of_effects(trial.fit, [own]))
-        if left <= state.critical and beside.plain.max(initial=0.0) <= state.chance:
+        frame = trial.fit.behind(state.frame.gains)
+        left = float(others.scored(trial.fit, frame).of_noise_alone.z.max(initial=0.0))
+        beside = state.scored(trial.fit, frame, Catalogue.of_effects(trial.fit, [own]))
+        if left <= limit and beside.plain.max(initial=0.0) <= state.chance:
             extra = parameters(trial.effect, state.fit.robot) - parameters(own[0], state.fit.robot)
             found.append(Member(trial.effect, trial.joints, float(others.scores.plain[k]), left, extra=extra))
     return found

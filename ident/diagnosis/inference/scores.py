@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -131,6 +131,13 @@ class Scores:
             return None
         waves = sparse.csr_matrix((np.ones(len(places)), places, np.arange(len(places) + 1)), shape=(len(places), self.catalogue.count))
         return Constancy.of(self._products(self.directions, waves), levels[levels > 0], self.starts, self.degrees)
+
+    @property
+    def of_noise_alone(self) -> Scores:
+        """The same scores in units of what noise alone makes of them."""
+        found = replace(self)
+        found.__dict__["constancy"] = None
+        return found
 
     def _tempered(self, scores: Array) -> Array:
         """Scores (c, …) of the directions over what noise and friction that is never quite constant make of them."""
