@@ -33,6 +33,16 @@ def test_friction_may_vary_a_little_along_the_travel(share: float, verdict: Verd
     assert named == (set() if verdict == Verdict.CLEAN else {"position_dependent_friction"})
 
 
+def test_what_is_constant_to_a_share_scores_less_and_never_more() -> None:
+    """In units of noise alone friction that varies along the travel stands out."""
+    scores = diagnosed(varying(5, 0.006), varying(6, 0.006)).decision.scores
+    alone = scores.of_noise_alone
+    assert np.all(scores.plain <= alone.plain + 1e-9)
+    kinds = [scores.group(k) for k in range(len(scores.kept))]
+    friction = np.array([g.name == "position and direction of motion" for g in kinds])
+    assert alone.plain[friction].max() > 1.3 * scores.plain[friction].max()
+
+
 def test_a_residual_with_a_slow_drift_is_less_likely() -> None:
     """Slower than any spectrum of eight seconds resolves."""
     fit = diagnosed(varying(5, 0.0), varying(6, 0.0)).decision.fit
