@@ -30,6 +30,7 @@ def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParamet
     shape_std = {s.key: float(std[frame.X.shape[2] + i]) for i, s in enumerate(free)}
     if told := [s for s in found if s.told]:
         shape_std |= {s.key: float(x) for s, x in zip(told, _deviations(fit, frame, free, told)[-len(told) :], strict=True)}
+    shape_std = {(e, name): float(np.hypot(x, _untold(fit, e, name))) for (e, name), x in shape_std.items()}
     out: dict[Effect, tuple[FoundParameter, ...]] = {}
     start = fit.declared.base.count
     for effect in fit.effects:
@@ -46,6 +47,20 @@ def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParamet
         ]
         out[effect] = (*linear, *shapes)
     return out
+
+
+def _untold(fit: Fit, effect: Effect, name: str) -> float:
+    """Standard deviation of a moment of which only the rows before and after it tell: it is anywhere between them. Zero of other shapes."""
+    if not name.startswith("t_"):
+        return 0.0
+    at, found = float(getattr(effect, name)), 0.0
+    acts = [any(columns.acts_on(m) for columns in fit.columns(effect)[1]) for m in range(fit.robot.n)]
+    for run in fit.runs:
+        clock = run.instrument.clock[run.use[:, acts].any(axis=1)]
+        after = int(np.searchsorted(clock, at))
+        if 0 < after < len(clock):
+            found = max(found, float(clock[after] - clock[after - 1]))
+    return found / np.sqrt(12.0)
 
 
 def _deviations(fit: Fit, frame: Solved, free: Sequence[Slope], told: Sequence[Slope]) -> Array:

@@ -223,6 +223,13 @@ def test_a_payload_is_picked_up_when_it_is(at: float, mass: float) -> None:
     assert abs(moment.value - at) < 0.02, str(found)
 
 
+def test_a_moment_is_known_to_no_less_than_a_sample() -> None:
+    found = diagnosed(recorded(33, lambda rng, t, q, v: np.where(t > 26.0, 300.0, 0.0)), recorded(34, lambda rng, t, q, v: 0.0 * t))
+    (finding,) = [f for f in found.findings if f.name == "offset_step"]
+    moment = next(p for p in finding.parameters if p.name == "t_0")
+    assert moment.std >= 1.0 / RATE / np.sqrt(12.0)
+
+
 def test_a_winding_that_warms_in_seconds_is_no_spring() -> None:
     def warming(rng: np.random.Generator, t: Array, q: Array, v: Array) -> Array:
         return np.asarray(1.5 * np.exp(-t / 12.0) * np.sign(v))
