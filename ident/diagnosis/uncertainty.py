@@ -11,7 +11,7 @@ from .._utils.singular_values import pinv
 from ..instruments.fit import Fit
 from ..instruments.solved import SINGULAR, deviations
 from .inference.scores import blocks
-from .inference.slopes import Slope, slopes
+from .inference.slopes import Slope, extended, slopes
 from .result import FoundParameter
 
 if TYPE_CHECKING:
@@ -30,15 +30,13 @@ def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParamet
     shape_std = {s.key: float(std[frame.X.shape[2] + i]) for i, s in enumerate(free)}
     if told := [s for s in found if s.told]:
         shape_std |= {s.key: float(x) for s, x in zip(told, _deviations(fit, frame, free, told)[-len(told) :], strict=True)}
-    shape_std = {(e, name): float(np.hypot(x, _untold(fit, e, name))) for (e, name), x in shape_std.items()}
+    shape_std = {(e, name): float(np.hypot(x, _between_rows(fit, e, name))) for (e, name), x in shape_std.items()}
     out: dict[Effect, tuple[FoundParameter, ...]] = {}
-    start = fit.declared.base.count
-    for effect in fit.effects:
+    for effect, own in zip(fit.effects, fit.slices, strict=True):
         linear = [
-            FoundParameter(p.name.replace("+", ""), float(frame.theta[start + i]), float(std[start + i]), p.unit)
-            for i, p in enumerate(effect.parameters(robot))
+            FoundParameter(p.name.replace("+", ""), float(value), float(deviation), p.unit)
+            for p, value, deviation in zip(effect.parameters(robot), frame.theta[own], std[own], strict=True)
         ]
-        start += len(linear)
         # A shape that was not sought is no finding, and one that is zero is told by its value alone.
         shapes = [
             FoundParameter(p.name, at, shape_std.get((effect, p.name), np.nan), effect.shape_unit(p, robot))
@@ -49,7 +47,7 @@ def found_parameters(fit: Fit, frame: Solved) -> dict[Effect, tuple[FoundParamet
     return out
 
 
-def _untold(fit: Fit, effect: Effect, name: str) -> float:
+def _between_rows(fit: Fit, effect: Effect, name: str) -> float:
     """Standard deviation of a moment of which only the rows before and after it tell: it is anywhere between them. Zero of other shapes."""
     if not name.startswith("t_"):
         return 0.0
@@ -66,10 +64,7 @@ def _untold(fit: Fit, effect: Effect, name: str) -> float:
 def _deviations(fit: Fit, frame: Solved, free: Sequence[Slope], told: Sequence[Slope]) -> Array:
     """Standard deviations of the coefficients, of free shapes, then of those that their effects' values tell: each of the latter is one
     more unknown, and one more equation, that the values go on being what the shape says."""
-    both = [*free, *told]
-    X = np.concatenate([frame.X, *(fit.behind_filters(s.x, frame.gains) for s in both)], axis=2)
-    Z = np.concatenate([frame.Z, *(fit.behind_filters(s.z, frame.gains) for s in free)], axis=2)
-    x, z = (np.concatenate([a.reshape(-1, a.shape[2]), fit.known_rows(a.shape[2])]) for a in (X, Z))
+    x, z = extended(fit, frame, free, told)
     count = z.shape[1]
     scale = np.concatenate([np.linalg.norm(z, axis=0), np.linalg.norm(x[:, count:], axis=0)])
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -84,7 +79,7 @@ def _deviations(fit: Fit, frame: Solved, free: Sequence[Slope], told: Sequence[S
     equations = np.concatenate([z.T @ (x / scale), ties])
     gram = np.zeros((len(scale), len(scale)))
     gram[:count, :count] = z.T @ z
-    uneven = _uneven(fit, frame, Z / scale[:count], equations)
+    uneven = _uneven(fit, frame, z[: frame.residual.size].reshape(*frame.residual.shape, count), equations)
     return np.asarray(np.maximum(deviations(equations, gram), uneven) / scale)
 
 

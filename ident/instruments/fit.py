@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -68,6 +69,12 @@ class Fit:
     @property
     def robot(self):  # type: ignore[no-untyped-def]
         return self.declared.robot
+
+    @cached_property
+    def slices(self) -> tuple[slice, ...]:
+        """The coefficients of each accepted effect, behind those of the declared model's base parameters."""
+        ends = np.cumsum([self.declared.base.count, *(len(e.parameters(self.robot)) for e in self.effects)]).tolist()
+        return tuple(slice(a, b) for a, b in pairwise(ends))
 
     @cached_property
     def share(self) -> Array:

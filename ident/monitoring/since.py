@@ -26,7 +26,7 @@ def first_log(decision: Decision, names: Sequence[str]) -> int | None:
     if len(fit.runs) < 2 or len(fit.runs) != len(names) or not decision.named:
         return None
     there = np.ones(len(fit.runs), bool)
-    for part in _parts(decision):
+    for part in decision.fit.slices:
         made = frame.Z[:, :, part] @ frame.theta[part]
         own, along = made**2, made * (frame.residual + frame.X[:, :, part] @ frame.theta[part])
         for i, (a, b) in enumerate(pairwise(frame.edges)):
@@ -57,7 +57,7 @@ def heldout_gains(decision: Decision) -> list[float]:
 
     every = np.arange(frame.X.shape[2])
     whole = loss(every)
-    return [float(np.clip(1.0 - whole / max(loss(np.setdiff1d(every, every[part])), 1e-300), 0.0, 1.0)) for part in _parts(decision)]
+    return [float(np.clip(1.0 - whole / max(loss(np.setdiff1d(every, every[part])), 1e-300), 0.0, 1.0)) for part in decision.fit.slices]
 
 
 def _left_of_known(decision: Decision) -> Array:
@@ -65,11 +65,3 @@ def _left_of_known(decision: Decision) -> Array:
     known = decision.fit.known
     assert known is not None
     return known.told - known.rows @ decision.frame.theta[: known.rows.shape[1]]
-
-
-def _parts(decision: Decision) -> list[slice]:
-    """The coefficients of each accepted effect."""
-    start = decision.fit.declared.base.count
-    sizes = [len(x.effect.parameters(decision.fit.robot)) for x in decision.named]
-    ends = start + np.cumsum([0, *sizes])
-    return [slice(int(a), int(b)) for a, b in pairwise(ends)]

@@ -94,7 +94,7 @@ def simpler(state: EffectSearch, i: int) -> Placed | None:
 
 def _sufficient(state: EffectSearch, trials: list[Trial], gains: Sequence[Array]) -> Trial | None:
     """Of the trials beside which nothing is left at a given noise, the one that asks for least."""
-    return min((t for t in trials if left_beside(state, t, gains) <= state.critical), key=lambda t: t.rank, default=None)
+    return min((t for t in trials if _left_beside(state, t, gains) <= state.critical), key=lambda t: t.rank, default=None)
 
 
 def _chosen(state: EffectSearch, trials: list[Trial]) -> Trial:
@@ -116,7 +116,7 @@ def _chosen(state: EffectSearch, trials: list[Trial]) -> Trial:
     for t in trials:
         if enough and t.cost > enough[0].cost + margin:
             break
-        if left_beside(state, t, trials[0].frame.gains) <= state.critical:
+        if _left_beside(state, t, trials[0].frame.gains) <= state.critical:
             enough.append(t)
     level = enough or [t for t in trials if t.cost <= trials[0].cost + margin]
     return min(level, key=lambda t: (*t.rank, t.cost))
@@ -229,8 +229,9 @@ def tried(state: EffectSearch, group: Group, anew: int = 0) -> Trial:
         fit = state.fit.with_effects((*others, effect))
         return fit, fit.solved(passes)
 
-    own = [group.effect] if is_order(group.effect) or not group.effect.shape() else [group.effect, None]
-    shapes = dict.fromkeys(refined(group.effect, joints, state.fit, state.frame if each else state.flat) for each in own)
+    one_noise = is_order(group.effect) or not group.effect.shape()
+    frames = (state.frame,) if one_noise else (state.frame, state.flat)
+    shapes = dict.fromkeys(refined(group.effect, joints, state.fit, each) for each in frames)
     begun = [(e, *solved(e)) for e in map(state.labelled, shapes)]
     effect, fit, frame = max(begun, key=lambda x: x[1].likelihood(x[2])) if len(begun) > 1 else begun[0]
     for _ in range(anew):
@@ -252,7 +253,7 @@ def tried(state: EffectSearch, group: Group, anew: int = 0) -> Trial:
     return Trial(effect, joints, rank(group), fit, frame)
 
 
-def left_beside(state: EffectSearch, trial: Trial, gains: Sequence[Array]) -> float:
+def _left_beside(state: EffectSearch, trial: Trial, gains: Sequence[Array]) -> float:
     """The largest score beside a candidate, at a given noise."""
     frame = trial.fit.behind(tuple(gains))
     return float(state.scored(trial.fit, frame).z.max(initial=0.0))

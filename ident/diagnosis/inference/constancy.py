@@ -25,9 +25,7 @@ def dry_levels(fit: Fit) -> Array:
     level, robot = np.zeros(fit.robot.n), fit.robot
     if fit.values is None:
         return level
-    at = 0
-    for effect in fit.model.effects:
-        own = slice(at, at := at + len(effect.parameters(robot)))
+    for effect, own in zip(fit.model.effects, fit.model.slices, strict=True):
         found = coefficients(effect, fit.values[own], robot)
         if found is not None:
             level += np.abs(robot.transmission.torque_map(effect.side, Side.MOTOR)) @ np.abs(found[Factor.DIRECTION])

@@ -64,7 +64,8 @@ class Scores:
     `squares`: for each group of the catalogue the Gram matrix of its columns, without what the model absorbs; `raw_blocks` (P, B): scores
     of the columns, of which `blocks` lack what the log does not resolve;
     `absorbed` (P, p): the columns by the model's, along the instrument; `along` (P, p): products of the columns with the instrument's;
-    `stretch`: share of the log that may not decide alone; `material`: z of what is not material."""
+    `stretch`: share of the log that may not decide alone; `material`: z of what is not material;
+    `constancy`: what friction that varies a little along the travel adds to the directions' scores."""
 
     fit: Fit = field(repr=False)
     frame: Solved = field(repr=False)
@@ -80,6 +81,7 @@ class Scores:
     along: Array = field(repr=False)
     stretch: float = STRETCH
     material: float = 0.0
+    constancy: Constancy | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, fit: Fit, frame: Solved, catalogue: Catalogue, stretch: float = STRETCH) -> Scores:
@@ -118,10 +120,10 @@ class Scores:
         degrees = degrees[kept]
         starts = np.cumsum([0, *degrees])[:-1]
         material = material_z(fit, frame)
-        return cls(fit, frame, catalogue, kept.tolist(), Q @ resolved, starts, degrees, Q, squares, S, A, CZ, stretch, material)
+        found = cls(fit, frame, catalogue, kept.tolist(), Q @ resolved, starts, degrees, Q, squares, S, A, CZ, stretch, material)
+        return replace(found, constancy=found._constancy())
 
-    @cached_property
-    def constancy(self) -> Constancy | None:
+    def _constancy(self) -> Constancy | None:
         """What friction that varies a little along the travel adds to the directions' scores."""
         import scipy.sparse as sparse
 
@@ -135,9 +137,7 @@ class Scores:
     @property
     def of_noise_alone(self) -> Scores:
         """The same scores in units of what noise alone makes of them."""
-        found = replace(self)
-        found.__dict__["constancy"] = None
-        return found
+        return replace(self, constancy=None)
 
     def _tempered(self, scores: Array) -> Array:
         """Scores (c, …) of the directions over what noise and friction that is never quite constant make of them."""

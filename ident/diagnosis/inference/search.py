@@ -48,9 +48,9 @@ class EffectSearch:
     accepted: list[Placed] = field(default_factory=list)
     stretch: float = STRETCH
     frame: Solved = field(init=False)
-    _flat: tuple[Solved, Solved] | None = field(init=False, default=None, repr=False)
     scores: Scores = field(init=False)
     chance: float = field(init=False, default=0.0)
+    _flat: tuple[Solved, Solved] | None = field(init=False, default=None, repr=False)
     _solved: dict[tuple[Placed, ...], tuple[Fit, Solved, Catalogue, Scores, Array | None]] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -166,12 +166,9 @@ class EffectSearch:
     def impossible(self) -> tuple[int, ...]:
         """An accepted effect that beside the others has values which no such effect can have, or two that undo each other; () for none."""
         std = self.frame.std
-        start = self.fit.declared.base.count
-        own = []
-        for i, (effect, _) in enumerate(self.accepted):
-            own.append(slice(start, start + len(effect.parameters(self.fit.robot))))
-            start = own[-1].stop
-            if not can_be(effect, self.fit, self.frame.theta[own[-1]], std[own[-1]]) or at_an_end(effect, self.fit):
+        own = self.fit.slices
+        for i, ((effect, _), at) in enumerate(zip(self.accepted, own, strict=True)):
+            if not can_be(effect, self.fit, self.frame.theta[at], std[at]) or at_an_end(effect, self.fit):
                 return (i,)
         return next((pair for pair in combinations(range(len(own)), 2) if self._undo([own[i] for i in pair])), ())
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from ...instruments.solved import Solved
 
 Array = np.ndarray
+#: Share of a shape over which its slope is taken, either way.
 _STEP = 1e-3
 #: Refits in which shapes are balanced, the share of their standard deviation to which they are, and the most by which one changes at once.
 _BALANCED, _TO, _AT_ONCE = 4, 0.1, 0.2
@@ -46,19 +46,25 @@ class Slope:
 def slopes(fit: Fit, frame: Solved) -> list[Slope]:
     """Slopes of all accepted effects over their shapes, at a fit."""
     robot, found = fit.robot, []
-    start = fit.declared.base.count
-    for effect in fit.effects:
-        own = tuple(range(start, start + len(effect.parameters(robot))))
-        start += len(own)
+    for effect, own in zip(fit.effects, fit.slices, strict=True):
         tied = effect.response(robot) is not None
         for p in () if is_order(effect) else effect.shape():
             if p.points == 1 or (tied and (p.name != effect.told_shape(robot) or getattr(effect, p.name) == 0.0)):
                 continue
-            x, z = (_slope(fit, effect, p.name, frame.theta[list(own)], instrument=side) for side in (False, True))
+            x, z = (_slope(fit, effect, p.name, frame.theta[own], instrument=side) for side in (False, True))
             if any(not each.empty for each in z):
                 rate = _rate(effect, p.name, fit) if tied else 0.0
-                found.append(Slope(effect, p.name, x, z, own if tied else (), rate))
+                found.append(Slope(effect, p.name, x, z, tuple(range(own.start, own.stop)) if tied else (), rate))
     return found
+
+
+def extended(fit: Fit, frame: Solved, free: Sequence[Slope], told: Sequence[Slope] = ()) -> tuple[Array, Array]:
+    """Rows (M, p) of a frame's columns with slopes as further ones: of the measured motion, and of the instrument without the `told`. Those
+    that do not come from the log are the last."""
+    X = np.concatenate([frame.X, *(fit.behind_filters(s.x, frame.gains) for s in (*free, *told))], axis=2)
+    Z = np.concatenate([frame.Z, *(fit.behind_filters(s.z, frame.gains) for s in free)], axis=2)
+    x, z = (np.concatenate([a.reshape(-1, a.shape[2]), fit.known_rows(a.shape[2])]) for a in (X, Z))
+    return x, z
 
 
 def balanced(effects: tuple[Effect, ...], fit: Fit, gains: tuple[Array, ...]) -> tuple[Effect, ...]:
@@ -90,25 +96,20 @@ def balanced(effects: tuple[Effect, ...], fit: Fit, gains: tuple[Array, ...]) ->
 
 def _can_all_be(fit: Fit, frame: Solved) -> bool:
     """Whether the values of all accepted effects are those of such effects."""
-    counts = [len(e.parameters(fit.robot)) for e in fit.effects]
-    ends = np.cumsum([fit.declared.base.count, *counts])
-    own = [slice(a, b) for a, b in pairwise(ends.tolist())]
-    return all(can_be(e, fit, frame.theta[x], frame.std[x]) for e, x in zip(fit.effects, own, strict=True))
+    return all(can_be(e, fit, frame.theta[own], frame.std[own]) for e, own in zip(fit.effects, fit.slices, strict=True))
 
 
 def _steps(fit: Fit, frame: Solved, free: Sequence[Slope]) -> tuple[Array, Array]:
     """Coefficients of slopes as further columns of a frame, and their standard deviations."""
-    X, Z = (np.concatenate([a, *(fit.behind_filters(side, frame.gains) for side in more)], axis=2)
-            for a, more in ((frame.X, [s.x for s in free]), (frame.Z, [s.z for s in free])))  # fmt: skip
-    known = fit.known_rows(X.shape[2])
-    x, z = (np.concatenate([a.reshape(-1, a.shape[2]), known]) for a in (X, Z))
+    x, z = extended(fit, frame, free)
     scale = np.linalg.norm(z, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
     equations, gram = (z / scale).T @ (x / scale), (z / scale).T @ (z / scale)
     # The prior's part is in balance with the rest already.
-    right = np.concatenate([np.zeros(frame.X.shape[2]), (Z[:, :, frame.X.shape[2] :] * frame.residual[:, :, None]).sum(axis=(0, 1))])
+    own, residual = slice(frame.X.shape[2], None), frame.residual.reshape(-1)
+    right = np.zeros(len(scale))
+    right[own] = residual @ z[: len(residual), own]
     found = inverse_of(equations)[0] @ (right / scale) / scale
-    own = slice(frame.X.shape[2], None)
     return found[own], np.maximum(deviations(equations, gram) / scale, 1e-300)[own]
 
 
