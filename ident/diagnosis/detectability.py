@@ -19,15 +19,16 @@ _SHARE, _ANY = 0.3, 10.0
 
 
 def undetectable(decision: Decision) -> tuple[Hidden, ...]:
-    """Effects of one parameter that may be large without being seen beside the decision's model, the largest first."""
+    """Effects of one parameter that may be large without being seen beside the decision's model, the largest first; what that names is none."""
     scores, fit = decision.scores, decision.fit
     robot, critical = fit.robot, decision.critical
     found: list[Hidden] = []
+    named = {(x.effect.name, x.joints) for x in decision.named}
     torque = np.concatenate([run.torque for run in fit.runs])
     spread = torque.std(axis=0)
     for g, square in zip(scores.catalogue.groups, scores.squares, strict=True):
         effect = g.effect
-        if effect is None or effect.shape() or len(g.columns) != 1:
+        if effect is None or effect.shape() or len(g.columns) != 1 or g.kind in named:
             continue
         left = float(square[0, 0])
         if not left > 0:

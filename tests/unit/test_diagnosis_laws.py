@@ -223,6 +223,13 @@ def test_a_payload_is_picked_up_when_it_is(at: float, mass: float) -> None:
     assert abs(moment.value - at) < 0.02, str(found)
 
 
+def test_what_is_named_is_not_said_to_be_undetectable() -> None:
+    found = diagnosed(*(recorded(seed, lambda rng, t, q, v: np.full(t.size, 3.0)) for seed in (33, 34)))
+    named = {(f.name, f.joints) for f in found.findings}
+    assert named == {("offset", ("j1",))}
+    assert not named & {(h.effect, h.joints) for h in found.hidden}
+
+
 def test_a_moment_is_known_to_no_less_than_a_sample() -> None:
     found = diagnosed(recorded(33, lambda rng, t, q, v: np.where(t > 26.0, 300.0, 0.0)), recorded(34, lambda rng, t, q, v: 0.0 * t))
     (finding,) = [f for f in found.findings if f.name == "offset_step"]
