@@ -19,7 +19,7 @@ _SHARE, _ANY = 0.3, 10.0
 
 
 def undetectable(decision: Decision) -> tuple[Hidden, ...]:
-    """Effects of one parameter that may be large without being seen beside the decision's model, the largest first; what that names is none."""
+    """Effects of one parameter that may be large without being seen beside the decision's model, the largest first; none that it names."""
     scores, fit = decision.scores, decision.fit
     robot, critical = fit.robot, decision.critical
     found: list[Hidden] = []
