@@ -22,11 +22,11 @@ from .analysed import analysed
 from .confidence import confidence
 from .described import LeftoverDescription, told
 from .detectability import undetectable
-from .held_out import presence
+from .held_out import presence, undetermined
 from .judged import against_held_out, beside_held_out, judged
 from .pictures import diagnosis_figure, diagnosis_frame, findings_section
 from .refits import estimator_of, fitted, fitted_without, plainly_named
-from .result import Finding, Hidden, Unexplained
+from .result import Finding, Hidden, Undetermined, Unexplained
 from .text import diagnosis_text
 from .uncertainty import found_parameters
 from .verdict import Verdict
@@ -52,7 +52,8 @@ class Diagnosis(Shown):
 
     `before`: the declared model's estimate; `after`: the same with the findings; `signals`: what was fitted and decided on; `held`: data
     that no choice has seen, on which errors before and after are reported. `decision`: what was scored and decided; `instrument`: what
-    it rests on; `hidden`: what this motion could not have shown; `description`: smooth functions of what a leftover follows, where the
+    it rests on; `hidden`: what this motion could not have shown; `undetermined`: joints of which data held out say nothing, because the
+    data fitted do not determine the torque of the motion there; `description`: smooth functions of what a leftover follows, where the
     verdict is unexplained and it follows anything.
 
     See `ident.diagnose`.
@@ -74,6 +75,7 @@ class Diagnosis(Shown):
     decision: Decision = field(repr=False)
     instrument: Instrument = field(repr=False)
     hidden: tuple[Hidden, ...] = field(default=(), repr=False)
+    undetermined: tuple[Undetermined, ...] = ()
     warnings: tuple[str, ...] = ()
     description: LeftoverDescription | None = None
 
@@ -125,6 +127,7 @@ class Diagnosis(Shown):
             "instruments": self.instrument.to_dict(),
             "described": None if self.description is None else self.description.to_dict(),
             "hidden": [h.to_dict() for h in self.hidden],
+            "undetermined": [u.to_dict() for u in self.undetermined],
             "before": sides["before"],
             "after": sides["after"],
             "noise_floor": [number(x) for x in self.noise_floor],
@@ -251,8 +254,8 @@ def _reported(
     said = [] if held is not None else ["no data were held out: errors before and after are of the data fitted."]
     warnings = tuple(dict.fromkeys((*_of_the_declared(before, findings), *signals.report.warnings, *said)))
     return Diagnosis(
-        verdict, findings, unexplained, declared, after, signals, held, decision, instrument, undetectable(decision), warnings,
-        description,
+        verdict, findings, unexplained, declared, after, signals, held, decision, instrument, undetectable(decision),
+        () if held is None else undetermined(after, signals, held), warnings, description,
     )  # fmt: skip
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .prediction_variance import prediction_variance, share_variance
-from .result import Unexplained
+from .result import Undetermined, Unexplained
 from .thresholds import HALF, LOUD, MATERIAL, STRETCH, WORSE
 
 if TYPE_CHECKING:
@@ -105,22 +105,40 @@ def _missing(name: str, joints: tuple[str, ...], share: tuple[float, float]) -> 
 
 def louder(after: Estimate, fitted: Signals, held: Signals) -> tuple[Unexplained, ...]:
     """Joints whose error on data held out is far above what the same model leaves on the data fitted, and what the uncertainty of its
-    parameters makes of it there.
+    parameters makes of it there."""
+    return tuple(
+        Unexplained(
+            joint,
+            "data held out",
+            f"{joint}: its error on held-out data is {beside:.1f} times the error on fitted data; the model does not hold there"
+            " (something acted in only one part of the log, or the motion left the range of the fitted data)",
+            0.0,
+        )
+        for joint, _, beside in _times_the_fitted(after, fitted, held)
+        if beside > LOUD
+    )
+
+
+def undetermined(after: Estimate, fitted: Signals, held: Signals) -> tuple[Undetermined, ...]:
+    """Joints whose error on data held out is as far above, but no farther than the uncertainty of the parameters lets it be: the data
+    fitted do not determine the torque of that motion, and its error speaks neither for the model nor against it."""
+    found = _times_the_fitted(after, fitted, held)
+    return tuple(Undetermined(joint, plain) for joint, plain, beside in found if plain > LOUD >= beside)
+
+
+def _times_the_fitted(after: Estimate, fitted: Signals, held: Signals) -> Iterator[tuple[str, float, float]]:
+    """Each joint with enough rows: its error on data held out over that on the data fitted, as it is, and in units of what noise and the
+    uncertainty of the parameters make of it together.
 
     Sizes are those that a tenth of the rows exceeds: no single stretch decides (rows beside a reversal, where a joint sticks, are loud)."""
-    found = []
     own, other = (np.abs(after.residual(s)) for s in (fitted, held))
     with np.errstate(invalid="ignore", divide="ignore"):
-        other = other / np.sqrt(1.0 + prediction_variance(after, held) / np.asarray(after.fit_error.rms) ** 2)
+        allowed = np.sqrt(1.0 + prediction_variance(after, held) / np.asarray(after.fit_error.rms) ** 2)
     for j, joint in enumerate(after.model.robot.joint_names):
-        usual, here = (x[:, j][np.isfinite(x[:, j])] for x in (own, other))
-        if len(usual) < _ROWS or len(here) < _ROWS:
+        usual, read = own[:, j][np.isfinite(own[:, j])], np.isfinite(other[:, j])
+        if len(usual) < _ROWS or np.count_nonzero(read) < _ROWS:
             continue
-        ratio = float(np.quantile(here, 1.0 - STRETCH) / max(np.quantile(usual, 1.0 - STRETCH), 1e-300))
-        if ratio > LOUD:
-            said = (
-                f"{joint}: its error on held-out data is {ratio:.1f} times the error on fitted data; the model does not hold there"
-                " (something acted in only one part of the log, or the motion left the range of the fitted data)"
-            )
-            found.append(Unexplained(joint, "data held out", said, 0.0))
-    return tuple(found)
+        size = max(float(np.quantile(usual, 1.0 - STRETCH)), 1e-300)
+        here = other[read, j]
+        plain, beside = (float(np.quantile(x, 1.0 - STRETCH)) / size for x in (here, here / allowed[read, j]))
+        yield joint, plain, beside

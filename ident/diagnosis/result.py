@@ -135,6 +135,17 @@ class Unexplained:
         return {"joint": self.joint, "signature": self.signature, "evidence": self.evidence, "gain": self.gain}
 
 
+@dataclass(frozen=True)
+class Undetermined:
+    """A joint whose error on data held out is `times` that on the data fitted, as its uncertain parameters let it be."""
+
+    joint: str
+    times: float
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"joint": self.joint, "times": self.times}
+
+
 @dataclass(frozen=True, eq=False)
 class Hidden:
     """An effect's parameter that may be as large as `least` (SI, `unit`) without being seen.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..evaluation.comparison import Comparison
     from ..instruments.prepared import Instrument
     from .described import LeftoverDescription
-    from .result import Finding, Hidden, Unexplained
+    from .result import Finding, Hidden, Undetermined, Unexplained
     from .verdict import Verdict
 
 
@@ -35,6 +35,9 @@ class Told(Protocol):
 
     @property
     def hidden(self) -> tuple[Hidden, ...]: ...
+
+    @property
+    def undetermined(self) -> tuple[Undetermined, ...]: ...
 
     @property
     def instrument(self) -> Instrument: ...
@@ -87,6 +90,12 @@ def undecided(d: Told) -> str:
 def diagnosis_text(d: Told) -> str:
     """Verdict, findings, alternative explanations, what is left, before and after."""
     lines = [f"verdict: {d.verdict}: {_SAID.get(d.verdict) or undecided(d)}"]
+    if d.undetermined:
+        times = ", ".join(f"{u.joint} ({u.times:.3g} times the error on fitted data)" for u in d.undetermined)
+        lines.append(
+            f"no conclusion from held-out data: {times}: uncertain parameters alone let it be so large; the fitted data do not determine"
+            " the torque of that motion, and what acts only in it is not seen. Fit data with such motion (`ident excite` designs some)"
+        )
     for i, f in enumerate(d.findings, 1):
         lines.append(f"{i}. {f.name}{on(f.place)}: {f.effect.title}; confidence {f.confidence:.2f}, evidence {f.evidence:.0f}")
         for p in f.parameters:

@@ -7,7 +7,7 @@ import pytest
 from effect_robots import ROBOTS, declared
 
 import ident
-from ident.diagnosis.held_out import louder
+from ident.diagnosis.held_out import louder, undetermined
 from ident.diagnosis.prediction_variance import prediction_variance, share_variance
 from ident.effects.motion import Motion
 from ident.estimators import WeightedLeastSquares
@@ -69,6 +69,26 @@ def test_an_error_that_the_covariance_allows_is_no_contradiction_and_one_beyond_
     assert louder(poor, small, usual) == ()
     assert louder(rich, prepared(1), usual) == ()
     assert louder(rich, prepared(1), prepared(7, wrong=1.3))
+    # Said to be left open is the one that the covariance allows, by its own error, and it alone.
+    told = {one.joint: one.times for one in undetermined(poor, small, usual)}
+    assert told == pytest.approx({joint: x for joint, x in zip(ROBOT.joint_names, plain, strict=True) if x > 3.0})
+    assert undetermined(rich, prepared(1), prepared(1)) == ()
+    assert not {one.joint for one in undetermined(rich, prepared(1), prepared(7, wrong=1.3))} & {
+        one.joint for one in louder(rich, prepared(1), prepared(7, wrong=1.3))
+    }
+
+
+def test_a_diagnosis_says_of_which_joints_held_out_data_decide_nothing() -> None:
+    """Fitted to a small motion, judged on a usual one: the verdict stands on the fitted data, and the report says what it does not know."""
+    found = ident.diagnose(WeightedLeastSquares().solve(Problem(MODEL, prepared(6, 0.02))), prepared(7))
+    assert found.verdict == "clean"
+    open_joints = [one.joint for one in found.undetermined]
+    assert open_joints
+    said = [line for line in str(found).splitlines() if line.startswith("no conclusion")]
+    assert len(said) == 1
+    assert all(joint in said[0] for joint in open_joints)
+    assert [one["joint"] for one in found.to_dict()["undetermined"]] == open_joints
+    assert ident.diagnose(WeightedLeastSquares().solve(Problem(MODEL, prepared(1))), prepared(1)).undetermined == ()
 
 
 @pytest.mark.parametrize(("samples", "found"), [(0.4, False), (3.0, True)])
