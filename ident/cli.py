@@ -18,6 +18,7 @@ from typing import Any
 
 from ._utils.fault_report import fault_report
 from ._utils.plugins import from_plugin, load_modules
+from ._utils.threads import one_blas_thread
 from ._utils.version import __version__
 from .commands import COMMANDS
 from .commands.examples import EXAMPLES
@@ -88,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"unrecognized arguments: {' '.join(more)}{nearest_flags(parsers()[args.command], more)}")
     warnings.showwarning = _show_warning
     try:
-        with _told(args.verbose_steps):
+        with _told(args.verbose_steps), one_blas_thread():
             load_modules(getattr(args, "plugin", None) or (), Path.cwd(), "--plugin")
             return int(args.run(args))
     except IdentError as error:

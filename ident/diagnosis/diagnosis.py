@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.json import result
+from .._utils.threads import with_one_blas_thread
 from ..drawing.document import Figure, Section, Text
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError
@@ -156,6 +157,7 @@ class Diagnosis(Shown):
         return diagnosis_text(self)
 
 
+@with_one_blas_thread
 def diagnose(
     before: Estimate,
     held: Any | None = None,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.json import result
+from .._utils.threads import with_one_blas_thread
 from ..effects.places import on, place_of
 from ..errors import ConfigurationError, UnsupportedError
 from ..excitation.design import excite
@@ -56,6 +57,7 @@ class NextMotion:
         )
 
 
+@with_one_blas_thread
 def next_motion(
     diagnosis: Diagnosis,
     *,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.threads import with_one_blas_thread
 from .determined import determination
 from .plant import DrivePlant
 from .profile import delay_profiles
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
+@with_one_blas_thread
 def fit_drives(
     logs: LogSet, model: Model, law: DriveLaw, *, held: LogSet | None = None, progress: Callable[[float], None] | None = None
 ) -> DriveFit:

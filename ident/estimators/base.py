@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar
 import numpy as np
 
 from .._utils.registered import Registry
+from .._utils.threads import with_one_blas_thread
 from ..effects.kinds import Need
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from .own_prediction import standing
@@ -85,6 +86,7 @@ class Estimator(ABC):
         for f in dataclasses.fields(self):
             object.__setattr__(self, f.name, _frozen(getattr(self, f.name)))
 
+    @with_one_blas_thread
     def solve(self, problem: Problem) -> Estimate:
         """Estimate the base parameters of a problem, without rows near reversals that do not fit (`estimators.reversals`).
 

@@ -10,6 +10,7 @@ import numpy as np
 from .._utils.short_repr import ShortRepr
 from .._utils.singular_values import condition, lstsq, pinv
 from .._utils.text import wrapped
+from .._utils.threads import with_one_blas_thread
 from ..drawing.document import Figure, Section, Table, Text, plain
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError, UnsupportedError
@@ -151,6 +152,7 @@ class Essential(Shown, ShortRepr):
         return "\n".join([*lines, "", *map(wrapped, self._held)])
 
 
+@with_one_blas_thread
 def essential(estimate: Estimate, held: Any | None = None, level: float = 0.05) -> Essential:
     """Leave out, one after the other, the parameters that are zero within what the data tell, and fit the others again.
 

@@ -10,6 +10,7 @@ import numpy as np
 from .._utils.short_repr import ShortRepr
 from .._utils.singular_values import pinv
 from .._utils.text import wrapped
+from .._utils.threads import with_one_blas_thread
 from ..drawing.document import uncertain
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError, UnsupportedError
@@ -129,6 +130,7 @@ class AgainstInstruments(Shown, ShortRepr):
         return {**told, "parameters": self.to_frame().to_dict("records")}
 
 
+@with_one_blas_thread
 def against_instruments(estimate: Estimate) -> AgainstInstruments:
     """Compare a least-squares estimate with one by instruments, which feedback cannot bias.
 

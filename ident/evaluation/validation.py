@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.short_repr import ShortRepr
+from .._utils.threads import with_one_blas_thread
 from ..drawing.document import Figure, Section, Text
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError, DataError
@@ -105,6 +106,7 @@ class Validation(Shown, ShortRepr):
         return "\n".join(lines)
 
 
+@with_one_blas_thread
 def validate(estimate: Estimate, signals: Any, *, simulate: bool = False) -> Validation:
     """Predict the torque of data held out, and with `simulate` replay them by forward simulation.
 

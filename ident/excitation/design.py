@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.threads import with_one_blas_thread
 from ..effects.motion import Coordinates
 from ..errors import ConfigurationError, UnsupportedError
 from ..robots.library.nominal import nominal_values
@@ -37,6 +38,7 @@ _FAMILY: Family = FourierFamily(10.0)
 _MEASURE: Measure = Both()
 
 
+@with_one_blas_thread
 def excite(
     model: Model,
     *,

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._utils.files import write_atomic
+from .._utils.threads import with_one_blas_thread
 from ..errors import ConfigurationError
 from .identified import Identified
 from .target import ExportOptions, make_target
@@ -45,6 +46,7 @@ class Exported:
         }
 
 
+@with_one_blas_thread
 def export(
     source: Identified | Estimate | DriveFit,
     target: str | Path,

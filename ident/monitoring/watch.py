@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._utils.text import counted
+from .._utils.threads import with_one_blas_thread
 from ..diagnosis.inference.decide import Decision, decide
 from ..diagnosis.thresholds import LEVEL, MOST, ROWS_EACH
 from ..effects.places import on, place_of
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
+@with_one_blas_thread
 def monitor(
     estimate: Estimate,
     signals: Any,

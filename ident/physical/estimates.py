@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._utils.threads import with_one_blas_thread
 from ..errors import ConfigurationError
 from ..estimate.record import EstimateRecord
 from ..estimate.status import StatusCode
@@ -33,6 +34,7 @@ def triangle_of(estimate: Estimate) -> tuple[Array, Array] | None:
     return R, z
 
 
+@with_one_blas_thread
 def repair_estimate(
     estimate: Estimate,
     method: RepairMethod | str = RepairMethod.FIT,
@@ -136,6 +138,7 @@ def _widened(subject: Subject) -> Array:
     return np.asarray(subject.covariance + wide @ wide.T)
 
 
+@with_one_blas_thread
 def payload_of(without: Estimate, with_load: Estimate, *, link: str | None = None) -> PayloadEstimate:
     """The load that a link carries, from two estimates of the same model: without it, and with it.
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._utils.short_repr import ShortRepr
 from .._utils.singular_values import svd
+from .._utils.threads import with_one_blas_thread
 from ..drawing.document import Figure, Section, Text
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError
@@ -163,6 +164,7 @@ def subject_of(estimate: Estimate) -> Subject:
     )
 
 
+@with_one_blas_thread
 def judge(subject: Subject | Estimate, *, limits: bool = False, time_limit: float = 60.0) -> Judgement:
     """Judge whether an estimate is physically possible (its inertia matrix positive definite everywhere) and consistent (bodies with
     positive mass density have it).

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._utils.threads import with_one_blas_thread
 from ..errors import ConfigurationError
 from ..excitation.limits import Limits
 from ..friction import Coulomb, RotorInertia, Viscous
@@ -30,6 +31,7 @@ def default_model(robot: Robot) -> Model:
     return robot.rigid_body() + RotorInertia() + Viscous() + Coulomb()
 
 
+@with_one_blas_thread
 def make_plan(
     model: Model | Robot,
     *,

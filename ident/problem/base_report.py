@@ -10,6 +10,7 @@ import numpy as np
 
 from .._utils.short_repr import ShortRepr
 from .._utils.text import counted
+from .._utils.threads import with_one_blas_thread
 from ..regressor.base_parameters.base_form import BaseForm
 from ..regressor.base_parameters.expressions import parameter_unit, split_name
 from ..regressor.base_parameters.principal import PrincipalParameters
@@ -133,6 +134,7 @@ class BaseReport(ShortRepr):
         return self.text()
 
 
+@with_one_blas_thread
 def base_report(robot: Robot, rotor_inertia: bool | Sequence[str] = False, principal: PrincipalParameters | None = None) -> BaseReport:
     """Base parameters of a robot in readable expressions, and the reason for each parameter that no motion shows alone.
 

@@ -10,6 +10,7 @@ from enum import StrEnum
 import numpy as np
 
 from .._utils.text import counted
+from .._utils.threads import with_one_blas_thread
 from ..effects.motion import Coordinates
 from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError
@@ -34,6 +35,7 @@ class Hold(StrEnum):
     FIRST_ORDER = "first_order"
 
 
+@with_one_blas_thread
 def simulate(
     plant: Plant,
     *,

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._utils.threads import with_one_blas_thread
 from ..errors import ConfigurationError, DataError
 from ..estimators import Estimator, make_estimator
 from ..evaluation.doubts import counted_twice, doubts, fitted_as_well, require_rows
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 Logs = LogSet | Log | str | Path | Sequence[str | Path]
 
 
+@with_one_blas_thread
 def fit(
     logs: Logs | Study,
     robot: Robot | str | Path | None = None,

@@ -74,7 +74,7 @@ def test_console_script_and_extras(project):
     assert project["project"]["scripts"]["ident"] == "ident.cli:main"
     assert {"report", "sdp", "dask", "bags", "robots", "test"} <= set(project["project"]["optional-dependencies"])
     core = {d.split(">")[0].split("[")[0] for d in project["project"]["dependencies"]}
-    assert core == {"numpy", "scipy", "pin", "pandas", "lxml", "yourdfpy", "filterpy"}
+    assert core == {"numpy", "scipy", "pin", "pandas", "lxml", "yourdfpy", "filterpy", "threadpoolctl"}
 
 
 def test_the_check_is_a_script_that_parses():

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..._utils.threads import with_one_blas_thread
 from ...drives.fit import result_of, scale_of_gains
 from ...drives.plant import DrivePlant
 from ...drives.residual import FORETOLD, structure
@@ -34,6 +35,7 @@ _FINDINGS, _FITTED = 3, 8
 _ALIKE = 9.0
 
 
+@with_one_blas_thread
 def diagnose_drives(
     logs: LogSet, model: Model, law: DriveLaw, *, held: LogSet | None = None, progress: Callable[[float], None] | None = None
 ) -> DriveDiagnosis:
