@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 import ident
 from ident._utils.json import jsonable
@@ -59,7 +60,8 @@ _XL330 = 4096 / (2 * np.pi) / (256 * 885)
 @dataclass(frozen=True)
 class Case:
     """One fit. `held`: what it is reported on, each with the target; `part`: the last share of the log, which is held out.
-    `options`: effects and constants of the law beside each other, chosen by the error on halves of the training logs in turn."""
+    `options`: effects and constants of the law beside each other, chosen by the error on halves of the training logs in turn.
+    `together`: rows whose published value is one error over all their logs."""
 
     name: str
     urdf: str
@@ -70,6 +72,7 @@ class Case:
     joints: tuple[str, ...] | None = None
     part: float = 0.0
     kind: str = "pd_position"
+    together: str = ""
 
 
 def cases(short: bool) -> list[Case]:
@@ -98,7 +101,9 @@ def cases(short: bool) -> list[Case]:
         rest = tuple(name for name in every if name != f"xl330_{held}")
         name = f"XL330 without {held}"
         urdf = "xl330_pendulum/xl330_pendulum.urdf"
-        found.append(Case(name, urdf, rest, {f"xl330_{held}": 0.060}, {"by_log": duty, "supply": "mean"}, servo, kind="pwm"))
+        found.append(
+            Case(name, urdf, rest, {f"xl330_{held}": 0.060}, {"by_log": duty, "supply": "mean"}, servo, kind="pwm", together="XL330")
+        )
     z1 = {"kp": [80.0, 120.0, 120.0, 80.0, 80.0, 80.0, 80.0], "kd": 2.5}
     found.append(Case("Z1 last third", "z1_iit/z1.urdf", ("z1_traj0",), {"z1_traj0 (last part)": 0.0150}, z1, part=1 / 3))
     april = {"go2_april_traj4": 0.0023, "go2_march_traj0": 0.0095}
@@ -196,11 +201,21 @@ def main(short: bool, folder: Path) -> int:
             met = "met" if held <= target else "not met"
             left = f"{case.name:<34}{name:<30}{_rms(fit.fit_rms):>9.4f}{held:>10.4f}{target:>8.4f}{spent:>6.0f}"
             print(f"{left}  {delay}  {met}  {chosen}", flush=True)
-            rows.append({"case": case.name, "held": name, "rms": held, "target": target, "fit": fit.to_dict()})
+            rows.append({"case": case.name, "held": name, "rms": held, "target": target, "together": case.together, "fit": fit.to_dict()})
         (folder / f"actuators_{case.name.replace(' ', '_').replace('->', 'to')}.txt").write_text(fit.summary() + "\n")
+    for name in dict.fromkeys(row["together"] for row in rows if row["together"]):
+        error, target = _pooled([row for row in rows if row["together"] == name])
+        print(f"{f'{name}, one error over these logs':<64}{'':>9}{error:>10.4f}{target:>8.4f}  {'met' if error <= target else 'not met'}")
     (folder / "actuators.json").write_text(json.dumps(jsonable(rows), indent=1))
     print("fit, held: rms over joints of simulated less measured position, open loop from the first sample under the logged commands")
     return 0
+
+
+def _pooled(rows: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
+    """Root mean square over all readings of the rows' logs, and the target of all."""
+    (target,) = {row["target"] for row in rows}
+    count = [len(pd.read_csv(next(data().rglob(f"{row['held']}.csv.gz")), usecols=[0])) for row in rows]
+    return float(np.sqrt(np.average([row["rms"] ** 2 for row in rows], weights=count))), target
 
 
 def _rms(by_joint: Any) -> float:
