@@ -15,7 +15,7 @@ from ...instruments.thresholds import BOUND
 from ..design.catalogue import Catalogue
 from ..design.places import search_range
 from ..thresholds import COMPETES, CONTAINED
-from .refinement import PASSES, agreed, refined, settled, sharpened
+from .refinement import PASSES, agreed, anywhere, refined, settled, sharpened
 from .scores import Scores
 
 if TYPE_CHECKING:
@@ -231,9 +231,13 @@ def tried(state: EffectSearch, group: Group, anew: int = 0) -> Trial:
 
     one_noise = is_order(group.effect) or not group.effect.shape()
     frames = (state.frame,) if one_noise else (state.frame, state.flat)
-    shapes = dict.fromkeys(refined(group.effect, joints, state.fit, each) for each in frames)
+    along = [refined(group.effect, joints, state.fit, each) for each in frames]
+    shapes = dict.fromkeys([*along, *(anywhere(e, joints, state.fit, each) for e, each in zip(along, frames, strict=True))])
     begun = [(e, *solved(e)) for e in map(state.labelled, shapes)]
     effect, fit, frame = max(begun, key=lambda x: x[1].likelihood(x[2])) if len(begun) > 1 else begun[0]
+    likelier = anywhere(effect, joints, state.fit, state.fit.behind(frame.gains))
+    if likelier != effect:
+        effect, fit, frame = max((effect, fit, frame), (likelier, *solved(likelier)), key=lambda x: x[1].likelihood(x[2]))
     for _ in range(anew):
         wider = refined(effect, joints, state.fit, state.fit.behind(frame.gains))
         if wider != effect:

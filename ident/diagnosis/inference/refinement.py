@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 from functools import cache
 from typing import TYPE_CHECKING
@@ -67,6 +68,32 @@ def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *,
             effect = options[int(np.argmax(score(options, joints, fit, frame)))]
         width, points = width * 2.5 / points, _FINE
     return effect
+
+
+def anywhere(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved) -> Effect:
+    """An effect of several shapes at those that score best beside a frame together, sought from every peak of a grid; of one, as it is.
+
+    Along one shape at a time a search stays on the ridge that it began on: a spring of the shortest lever is the same law at two angles,
+    half a turn apart, and only the one of them leads on to a longer lever."""
+    from scipy.ndimage import maximum_filter
+
+    free = _free(effect, fit)
+    if len(free) < 2:
+        return effect
+    ranges = search_range(effect, fit.declared, fit.sought(effect))
+    axes = [_Axis.of(p, *ranges[p.name]) for p in free]
+    grid = [axis.around(float(getattr(effect, axis.name)), 1.0, _EACH) for axis in axes]
+    options = [effect.with_shape(**{axis.name: v for axis, v in zip(axes, at, strict=True)}) for at in itertools.product(*grid)]
+    z = scored(options, joints, fit, frame).reshape([_EACH] * len(axes))
+    peaks = [options[k] for k in np.flatnonzero((z > 0) & (z == maximum_filter(z, 3)))]
+    for n in range(_ROUNDS):
+        width = 2.5 / _EACH * (2.5 / _FINE) ** n
+        for axis in axes:
+            for i, peak in enumerate(peaks):
+                near = [peak, *(peak.with_shape(**{axis.name: v}) for v in axis.around(float(getattr(peak, axis.name)), width, _FINE))]
+                peaks[i] = near[int(np.argmax(scored(near, joints, fit, frame)))]
+    options = [effect, *peaks]
+    return options[int(np.argmax(scored(options, joints, fit, frame)))]
 
 
 def sharpened(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...], fit: Fit, gains: tuple[Array, ...]) -> Effect:

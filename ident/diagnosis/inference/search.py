@@ -15,7 +15,7 @@ from ...effects.kinds import Need
 from ...instruments.solved import SINGULAR
 from ..design.catalogue import Catalogue
 from ..thresholds import LEVEL, STRETCH
-from .refinement import agreed, at_an_end, can_be, likeliest, refined, settled, within_range
+from .refinement import agreed, anywhere, at_an_end, can_be, likeliest, refined, settled, within_range
 from .scores import Scores
 from .significance import parametric
 from .slopes import balanced
@@ -136,7 +136,8 @@ class EffectSearch:
                 self.accepted[i] = (better, joints)
                 continue
             shapes = [effect] if len(self.accepted) == 1 else [effect, refined(effect, joints, fit, fit.behind(self.frame.gains))]
-            better = likeliest(shapes, joints, fit.effects, fit, self.frame)
+            wherever = anywhere(effect, joints, fit, fit.behind(self.frame.gains))
+            better = likeliest([wherever, *shapes], joints, fit.effects, fit, self.frame)
             better = agreed(better, fit.effects, fit)
             changed |= better != effect
             self.accepted[i] = (better, joints)
