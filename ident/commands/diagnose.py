@@ -13,6 +13,7 @@ from .._utils.text import wrapped
 from ..diagnosis import diagnose
 from ..diagnosis.next_motion import next_motion
 from ..errors import ConfigurationError, DataError, UnsupportedError
+from ..evaluation.misreadings import misassigned
 from ..excitation.surroundings import Surroundings
 from ..problem.integrated import TORQUE
 from ..reporting.diagnosis import diagnosis_report
@@ -53,9 +54,10 @@ def run(args: argparse.Namespace) -> int:
     session = Session(study, out.progress("fitting"))
     for finding in session.audit.warnings:
         out.say(wrapped(f"audit: {finding}"))
-    if session.misassigned:
-        out.say(wrapped(f"warning: {session.misassigned} Settle this first: what is found below stands in for it."))
     diagnosis = diagnosis_of(session, out, verbose=args.verbose)
+    # What is misread is a cause like others: where findings explain the log and it is not there beside them, they are the better one.
+    if session.misassigned and not (diagnosis.findings and diagnosis.verdict != "unexplained" and not misassigned(diagnosis.after)):
+        out.say(wrapped(f"warning: {session.misassigned} Settle this first: what is found below stands in for it."))
     out.say(diagnosis)
     if session.held_by_split and diagnosis.held is not None:
         out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")

@@ -16,6 +16,7 @@ from ..drawing.document import Figure, Section, Text
 from ..drawing.shown import Shown
 from ..errors import ConfigurationError
 from ..evaluation.comparison import Comparison, compare
+from ..evaluation.doubts import doubts
 from ..instruments.prepared import Instrument
 from ..statistics.torque_error import number
 from .advice import advice_for
@@ -254,7 +255,7 @@ def _reported(
     findings = _findings(decision, declared.model.robot, without, shares, verdict)
     description = _described(decision.laws, after, report, estimator, signals)
     said = [] if held is not None else ["no data were held out: errors before and after are of the data fitted."]
-    warnings = tuple(dict.fromkeys((*_of_the_declared(before, findings), *signals.report.warnings, *said)))
+    warnings = tuple(dict.fromkeys((*_of_the_declared(before, after, findings, verdict), *signals.report.warnings, *said)))
     return Diagnosis(
         verdict, findings, unexplained, declared, after, signals, held, decision, instrument, undetectable(decision),
         () if held is None else undetermined(after, signals, held), warnings, description,
@@ -292,7 +293,15 @@ def _described(
     return LeftoverDescription(told(model.robot, laws, np.array(own)), estimate, compare(after, estimate, report))
 
 
-def _of_the_declared(before: Estimate, findings: tuple[Finding, ...]) -> list[str]:
-    """Warnings of the declared model's fit; beside findings it is said that they are of the fit without them, but for those of the data."""
+def _of_the_declared(before: Estimate, after: Estimate, findings: tuple[Finding, ...], verdict: Verdict) -> list[str]:
+    """Warnings of the declared model's fit; beside findings it is said that they are of the fit without them, but for those of the data.
+
+    Where nothing is left beside the findings, doubts about the fit without them are no more: those about the fit with them stand in their
+    place."""
     of_data = before.problem.signals.report.warnings if before.problem is not None else before.warnings
-    return [f"of the fit of the declared model: {w}" if findings and w not in of_data else w for w in before.warnings]
+    explained = bool(findings) and verdict != Verdict.UNEXPLAINED and before.problem is not None
+    gone = doubts(before) if explained else ()
+    kept = [w for w in before.warnings if w not in gone]
+    return [f"of the fit of the declared model: {w}" if findings and w not in of_data else w for w in kept] + (
+        list(doubts(after)) if gone else []
+    )

@@ -157,8 +157,9 @@ class SimulatedSearch:
         """Values (p,) with all torque of single joints by other factors, where those are nearer: what scales it may be hard to see."""
         for joint in range(self.plant.robot.n) if self._scales() else ():
             own = [i for i, u in enumerate(self.plant.unknowns) if u.joint == joint and u.place in _TORQUE]
+            beside = np.array([self._links_beside(self.plant.unknowns[i]) for i in own])
             sets = np.tile(values, (len(_FACTORS), 1))
-            sets[:, own] *= np.array(_FACTORS)[:, None]
+            sets[:, own] = np.maximum((values[own] + beside) * np.array(_FACTORS)[:, None] - beside, self.lower[own])
             values = sets[int(np.argmin(self.costs(sets)))]
         return values
 
@@ -206,11 +207,17 @@ class SimulatedSearch:
         for own in groups:
             if any(unknown[i].place == scale and values[i] > 0 for i in own):
                 direction = np.zeros(len(values))
-                direction[own] = values[own]
+                direction[own] = values[own] + [self._links_beside(unknown[i]) for i in own]
                 # A share of the torque squared is the smaller the larger all torque is.
                 direction[[i for i in own if unknown[i].place == "gear_loss_square"]] *= -1.0
                 out.append(direction)
         return out
+
+    def _links_beside(self, unknown: Unknown) -> float:
+        """What stands beside an unknown and scales with it: beside a rotor the known links, since the sum of both is moved."""
+        if unknown.place != "armature" or unknown.joint < 0 or not self.plant.law.links_known:
+            return 0.0
+        return float(self.plant.inertia[unknown.joint]) / unknown.factor
 
     def _slots(self, own: Iterable[int]) -> list[list[int]]:
         """Which of these unknowns can be moved together: those of different branches or logs, which do not act on each other."""
@@ -285,7 +292,9 @@ class SimulatedSearch:
         move, free = np.zeros(len(values)), np.ones(len(values), bool)
         for _ in range(len(values)):
             held = ~free
-            move[free] = -np.linalg.solve(A[np.ix_(free, free)], g[free] + A[np.ix_(free, held)] @ move[held])
+            pull = g[free] + A[np.ix_(free, held)] @ move[held]
+            # Where nothing is moved by anything (a joint at rest, a drive that is off) all of this is zero.
+            move[free] = -np.linalg.solve(A[np.ix_(free, free)], pull) if A.any() else 0.0
             out = free & (values + move < self.lower)
             if not out.any():
                 break

@@ -12,7 +12,7 @@ from .._utils.threads import with_one_blas_thread
 from .determined import determination
 from .plant import DrivePlant
 from .profile import delay_profiles
-from .residual import above_noise
+from .residual import above_noise, require_motion
 from .result import DriveFit
 from .search import Fitted, fitted
 from .sizes import doubtful_sizes, without_sizes
@@ -55,7 +55,7 @@ def fit_drives(
     Raises
     ------
     DataError
-        Logs without the commands that the law needs, or with commands that are not positions of the joints.
+        Logs without the commands that the law needs, with commands that are not positions of the joints, or in which no joint moves.
     UnsupportedError
         Effects that are not simulated under a drive law.
 
@@ -80,6 +80,7 @@ def fit_drives(
     """
     robot = model.robot
     plant = DrivePlant(model, law, drive_logs(logs, robot, law))
+    require_motion(plant)
     at, sizes = starts(plant)
     found = steadied(plant, fitted(plant, at, sizes, progress=progress), sizes)
     fit = finished(plant, found, sizes, logs.inputs)

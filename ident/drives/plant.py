@@ -13,7 +13,7 @@ from ..effects.rigid_body import RigidBody
 from ..errors import ConfigurationError
 from ..friction.speed import Stribeck
 from ..robots.transmission import Side
-from ..simulation.rigid import require_fixed_base
+from ..simulation.rigid import RigidDynamics, require_fixed_base
 from .commands import DriveLog
 from .law import DriveLaw
 from .links import ElasticLinks, FreeLinks, KnownLinks
@@ -69,6 +69,16 @@ class DrivePlant:
     def longest(self) -> float:
         """Seconds of a step at most."""
         return self.step or (_SINGLE if self.robot.n == 1 else STEP)
+
+    @cached_property
+    def inertia(self) -> Array:
+        """What each joint moves of known links (n,), kg m² (kg), on average over the logs; zero where links are unknown and have no nominal
+        parameters."""
+        if not self.law.links_known and self.robot.nominal is None:
+            return np.zeros(self.robot.n)
+        q = np.concatenate([log.q[:: max(1, len(log.q) // 20)] for log in self.logs])
+        H, _ = RigidDynamics(self.robot, self.nominal).terms(q, np.zeros_like(q))
+        return np.asarray(np.diagonal(H, axis1=1, axis2=2).mean(axis=0))
 
     @cached_property
     def unknowns(self) -> tuple[Unknown, ...]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from .._utils.singular_values import lstsq
+from ..errors import DataError
 from ..signals.cutoff import choose_cutoff
 from .commands import DriveLog
 from .plant import DrivePlant
@@ -18,6 +19,8 @@ Array = np.ndarray
 _LAGS, FORETOLD, _CHANCE = 20, 0.1, 60.0
 #: Samples from which on a log's noise is estimated.
 _FEW = 64
+#: Times the noise of its readings by which a joint that moves does so (standard deviation).
+_MOVES = 3.0
 
 
 def structure(fit: Fitted) -> float:
@@ -55,16 +58,39 @@ def reading_noise(log: DriveLog) -> Array:
     return np.maximum([one.noise for one in white], np.where(np.isfinite(steps), steps, 0.0) / np.sqrt(12.0))
 
 
-def above_noise(plant: DrivePlant, fit: Fitted) -> tuple[str, ...]:
-    """A warning of the joints whose error is above the noise of their readings, as it is where an effect is missing, or where a search
-    ended beside the best values. Stretches that count little in the fit count little here."""
+def require_motion(plant: DrivePlant) -> None:
+    """Raise DataError where no joint moves in any log: such positions say of friction that it held, and nothing else."""
+    moves = [np.std(log.q, axis=0) > _MOVES * reading_noise(log) for log in plant.logs if len(log.t) >= _FEW]
+    if moves and len(moves) == len(plant.logs) and not np.any(moves):
+        names = ", ".join(log.name for log in plant.logs)
+        raise DataError(
+            f"{names}: no joint moves by more than the noise of its readings, so that nothing can be identified under a drive law;"
+            " log commands that move the joints (docs/actuators.md)."
+        )
+
+
+def left_over(plant: DrivePlant, fit: Fitted) -> float:
+    """`structure` of the joints whose error is above the noise of their readings, rounding to ticks included; 0 where none is."""
+    return float(np.max(structures(fit), where=_loud(plant, fit)[0], initial=0.0))
+
+
+def _loud(plant: DrivePlant, fit: Fitted) -> tuple[Array, Array, Array]:
+    """Which joints' (n,) error is above the noise of their readings by its size, that error and that noise; of too short a log each may be.
+    Stretches that count little in the fit count little here."""
     share = shares(plant, fit.weights)
-    counted = replace(fit, residual=fit.residual * share)
-    rms = np.sqrt(np.sum(np.square(counted.residual), axis=0) / np.maximum(np.sum(np.square(share), axis=0), 1e-300))
+    rms = np.sqrt(np.sum(np.square(fit.residual * share), axis=0) / np.maximum(np.sum(np.square(share), axis=0), 1e-300))
     lengths = np.array([len(log.t) for log in plant.logs], float)
     noise = np.sqrt(np.average([np.square(reading_noise(log)) for log in plant.logs], axis=0, weights=lengths))
-    # More than a share of its square is no noise, by its own memory and by its size.
-    found = (structures(counted) > FORETOLD) & (np.square(noise) < (1.0 - FORETOLD) * np.square(rms))
+    # More than a share of its square is no noise.
+    return ~(np.square(noise) >= (1.0 - FORETOLD) * np.square(rms)), rms, noise
+
+
+def above_noise(plant: DrivePlant, fit: Fitted) -> tuple[str, ...]:
+    """A warning of the joints whose error is above the noise of their readings, as it is where an effect is missing, or where a search
+    ended beside the best values."""
+    loud, rms, noise = _loud(plant, fit)
+    # By its own memory and by its size.
+    found = (structures(replace(fit, residual=fit.residual * shares(plant, fit.weights))) > FORETOLD) & loud & np.isfinite(noise)
     if not found.any():
         return ()
     robot = plant.robot

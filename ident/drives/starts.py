@@ -65,9 +65,7 @@ def moved_inertia(plant: DrivePlant) -> Array:
     """What each joint moves (n,), kg m²."""
     if not plant.law.links_known and plant.robot.nominal is None:
         return np.full(plant.robot.n, 4 * _BARE)
-    q = np.concatenate([log.q[:: max(1, len(log.q) // 20)] for log in plant.logs])
-    H, _ = RigidDynamics(plant.robot, plant.nominal).terms(q, np.zeros_like(q))
-    return np.maximum(np.diagonal(H, axis1=1, axis2=2).mean(axis=0), _BARE)
+    return np.maximum(plant.inertia, _BARE)
 
 
 def _start(

@@ -8,7 +8,7 @@ cause is named that does not account for what is wrong, and of several that migh
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +22,7 @@ from ..problem.information import Information
 from ..problem.linear_solution import full_values, order_of
 from ..problem.problem import Problem
 from ..problem.reweighting import reweighted
+from ..robots.transmission import Side
 from .interchanged import Interchange, as_read, interchanges
 from .log_mistakes import Misreading, misreadings
 from .mounting import mounting
@@ -186,7 +187,7 @@ class _Sampled:
         if len(names) < 2 or not np.any(before[used] > _POOR):
             return []
         tried = [(one.told, one.remedy, after) for group in interchanges(names, before) for one, after in self._paired(group)]
-        if (turned := mounting(self.problem, self.blocks)) is not None:
+        if (turned := mounting(self.problem, self.blocks)) is not None and self._no_springs(turned.errors, used):
             tried.append((turned.told, turned.remedy, turned.errors))
         falls = [float(np.sum(np.log(before[used] / after[used]))) for _, _, after in tried]
         return [
@@ -194,6 +195,19 @@ class _Sampled:
             for (told, remedy, after), fall in zip(tried, falls, strict=True)
             if fall > np.log(_FAR) and after[used].max() < _HALF * before[used].max()
         ]
+
+    def _no_springs(self, turned: Array, used: Array) -> bool:
+        """Whether gravity in another direction, with these errors (n,), accounts for more than a torque of each joint that goes with the
+        sine of its own position.
+
+        The least tilt of an axis along gravity frees first moments about it, and such a torque is all that they make."""
+        problem = self.problem
+        turning = [joint.name for joint in problem.model.robot.joints if not joint.prismatic]
+        if not turning:
+            return True
+        springs = problem.model + make_effect("cogging", joints=turning, angle=Side.JOINT, order=1.0, label="spring")
+        own = replace(self, problem=Problem(springs, problem.signals))._errors_with([as_read(len(used))])[0]
+        return float(np.sum(np.log(own[used] / turned[used]))) > np.log(FALL)
 
     def _paired(self, group: list[Interchange]) -> list[tuple[Interchange, Array]]:
         return list(zip(group, self._errors_with(group), strict=True))

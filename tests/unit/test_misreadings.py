@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ident
+from benchmarks.actuators.commanded import PENDULUM
 from benchmarks.robustness.mistakes import MISTAKES, World, ended
 from ident.estimators import WeightedLeastSquares
 from ident.evaluation.against_nominal import factor_doubt, size_doubt, zero_doubt
@@ -223,3 +224,34 @@ def test_a_torque_that_contradicts_the_others_is_in_no_unit(data_folder: Path) -
     folder = data_folder / "dfki_double_pendulum"
     warnings = ident.fit(folder / "dp_A0_0815_traj12.csv.gz", folder / "dp_designA.urdf").warnings
     assert not any("times what the other joints' torques say" in said for said in warnings), warnings
+
+
+def test_a_spring_about_an_axis_along_gravity_is_no_other_mounting() -> None:
+    """The least tilt with first moments of tons would be that spring: neither a fit nor the diagnosis that finds it speaks of gravity."""
+    t, q, tau = recorded("scara")
+    springy = tau + np.array([1.0, 0.0, 0.0, 0.0]) * 40.0 * np.sin(q - q.mean(axis=0))
+    estimate = fitted("scara", t, q, springy)
+    assert "gravity" not in misreading(estimate) + misassigned(estimate)
+    on_a_wall = ident.load_robot("scara").with_gravity([9.81, 0.0, 0.0])
+    model = on_a_wall.rigid_body() + ident.make_effect("viscous") + ident.make_effect("coulomb")
+    log = ident.Log("run", t, q=q, tau={on_a_wall.transmission.measured.value: tau})
+    assert "gravity" in misassigned(WeightedLeastSquares().solve(Problem(model, ZeroPhase(cutoff_hz=10.0)(log, on_a_wall))))
+
+
+def test_a_diagnosis_that_explains_a_log_takes_doubts_about_the_fit_without_it_back() -> None:
+    """A constant torque on a short swing looks like a joint's zero that is off, until the constant torque is found."""
+    robot = ident.Robot.from_urdf(PENDULUM)
+    rng = np.random.default_rng(5)
+    t = np.arange(0.0, 30.0, 1.0 / RATE)
+    c = FourierTrajectory(np.full(1, 0.3), *0.25 * rng.normal(size=(2, 5, 1)) / np.arange(1, 6)[:, None], 0.1).sample(t)
+    model = robot.rigid_body() + ident.make_effect("viscous") + ident.make_effect("coulomb")
+    size = float(np.sqrt(np.mean(model.inverse_dynamics(c.q, c.dq, c.ddq, np.r_[robot.nominal, 0.0, 0.0]) ** 2)))
+    tau = model.inverse_dynamics(c.q, c.dq, c.ddq, np.r_[robot.nominal, 0.05 * size, 0.1 * size]) + 0.5 * size
+    log = ident.Log("run", t, q=c.q, tau={robot.transmission.measured.value: tau + 0.01 * size * rng.standard_normal(tau.shape)})
+    estimate = ident.fit(log, robot, model=model, held=0)
+    wrong = doubts(estimate)
+    assert any("zero" in one for one in wrong)
+    assert set(wrong) <= set(estimate.warnings)
+    found = ident.diagnose(estimate)
+    assert [(f.name, f.joints) for f in found.findings] == [("offset", robot.joint_names)]
+    assert not [w for w in found.warnings if any(old in w for old in wrong)]

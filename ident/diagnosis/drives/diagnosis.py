@@ -11,7 +11,7 @@ import numpy as np
 from ..._utils.threads import with_one_blas_thread
 from ...drives.fit import result_of, scale_of_gains
 from ...drives.plant import DrivePlant
-from ...drives.residual import FORETOLD, structure
+from ...drives.residual import FORETOLD, left_over, require_motion
 from ...drives.search import fitted
 from ...drives.sizes import doubtful_sizes
 from ...drives.space import drive_logs
@@ -57,6 +57,7 @@ def diagnose_drives(
     DriveDiagnosis
     """
     plant = DrivePlant(model, law, drive_logs(logs, model.robot, law))
+    require_motion(plant)
     at, sizes = starts(plant)
     # Stretches in which something else happened count the less throughout: nothing is found by what it makes of a contact.
     first = now = Stage(plant, steadied(plant, fitted(plant, at, sizes, progress=progress), sizes), sizes)
@@ -71,7 +72,7 @@ def diagnose_drives(
         finding, now = _decided(now, [settled(quick, one, stage, plant.step, inertia) for one, stage in better])
         findings.append(finding)
     before, after = (result_of(stage.plant, stage.fit, stage.sizes, logs.inputs) for stage in (first, now))
-    left = structure(now.fit)
+    left = left_over(now.plant, now.fit)
     if held is not None:
         before, after = before.with_heldout(held), after.with_heldout(held)
     told = tuple(one.text(model.robot.joint_names[one.joint]) for one in unexplained(now.plant, now.fit))
