@@ -19,8 +19,8 @@ def hats(x: Array, count: int) -> Array:
     return np.maximum(0.0, 1.0 - np.abs(u[:, None] - np.arange(count)))
 
 
-#: Waves along a joint's travel in which friction varies a little.
-_WAVES = 16
+#: Waves along a joint's travel in which friction varies a little: up to 32 periods, as of teeth and rollers that a joint passes.
+_WAVES = 64
 
 
 def waves(motions: list[Motion], speeds: Array) -> Iterator[tuple[int, list[Array]]]:
