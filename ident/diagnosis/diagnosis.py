@@ -299,9 +299,7 @@ def _of_the_declared(before: Estimate, after: Estimate, findings: tuple[Finding,
     Where nothing is left beside the findings, doubts about the fit without them are no more: those about the fit with them stand in their
     place."""
     of_data = before.problem.signals.report.warnings if before.problem is not None else before.warnings
-    explained = bool(findings) and verdict != Verdict.UNEXPLAINED and before.problem is not None
-    gone = doubts(before) if explained else ()
-    kept = [w for w in before.warnings if w not in gone]
-    return [f"of the fit of the declared model: {w}" if findings and w not in of_data else w for w in kept] + (
-        list(doubts(after)) if gone else []
-    )
+    settled = bool(findings) and verdict != Verdict.UNEXPLAINED and before.problem is not None
+    gone = doubts(before) if settled else ()
+    kept = [f"of the fit of the declared model: {w}" if findings and w not in of_data else w for w in before.warnings if w not in gone]
+    return [*kept, *(doubts(after) if gone else ())]

@@ -64,8 +64,7 @@ def refined(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved, *,
             values = axis.around(float(getattr(effect, axis.name)), width, points)
             if not near and not turn:
                 values = _told_apart(effect, axis, values, joints, fit, frame)
-            options = [effect, *(effect.with_shape(**{axis.name: v}) for v in values)]
-            effect = options[int(np.argmax(score(options, joints, fit, frame)))]
+            effect = _best([effect, *(effect.with_shape(**{axis.name: v}) for v in values)], joints, fit, frame, score)
         width, points = width * 2.5 / points, _FINE
     return effect
 
@@ -90,10 +89,14 @@ def anywhere(effect: Effect, joints: tuple[str, ...], fit: Fit, frame: Solved) -
         width = 2.5 / _EACH * (2.5 / _FINE) ** n
         for axis in axes:
             for i, peak in enumerate(peaks):
-                near = [peak, *(peak.with_shape(**{axis.name: v}) for v in axis.around(float(getattr(peak, axis.name)), width, _FINE))]
-                peaks[i] = near[int(np.argmax(scored(near, joints, fit, frame)))]
-    options = [effect, *peaks]
-    return options[int(np.argmax(scored(options, joints, fit, frame)))]
+                values = axis.around(float(getattr(peak, axis.name)), width, _FINE)
+                peaks[i] = _best([peak, *(peak.with_shape(**{axis.name: v}) for v in values)], joints, fit, frame, scored)
+    return _best([effect, *peaks], joints, fit, frame, scored)
+
+
+def _best(options: list[Effect], joints: tuple[str, ...], fit: Fit, frame: Solved, score: Score) -> Effect:
+    """The one that scores best, the first of those alike."""
+    return options[int(np.argmax(score(options, joints, fit, frame)))]
 
 
 def sharpened(effect: Effect, joints: tuple[str, ...], others: tuple[Effect, ...], fit: Fit, gains: tuple[Array, ...]) -> Effect:
