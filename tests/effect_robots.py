@@ -122,3 +122,21 @@ def motion_of(robot: Robot, samples: int = 400, rate: float = 200.0, seed: int =
     motion = Motion.of(robot, q, dq, ddq, t, rate=rate)
     torque = model.torque(motion, values) + np.random.default_rng(1).normal(size=q.shape) * 0.01
     return Motion.of(robot, q, dq, ddq, t, rate=rate, torque=torque).with_reference(Reference(model, values))
+
+
+def two_arms() -> Robot:
+    """A waist that carries two arms of three joints each: links `left1` … `left3` and, last in the tree, `right1` … `right3`."""
+    rng = np.random.default_rng(8)
+    parts = ['<robot name="two_arms">', '<link name="base"/>', _link("waist", rng)]
+    joints = [("waist", "base", "0 0 0.5", "0 0 0", "0 0 1")]
+    for side, y in (("left", 0.3), ("right", -0.3)):
+        parts += [_link(f"{side}{i}", rng) for i in (1, 2, 3)]
+        joints.append((f"{side}1", "waist", f"0 {y} 0.4", "1.5707963267948966 0 0", "0 0 1"))
+        joints.append((f"{side}2", f"{side}1", "0.35 0 0", "1.5707963267948966 0 0", "0 0 1"))
+        joints.append((f"{side}3", f"{side}2", "0 0.1 0.3", "0 1.5707963267948966 0", "0 0 1"))
+    parts += [
+        f'<joint name="j_{child}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}" rpy="{rpy}"/>'
+        f'<axis xyz="{axis}"/><limit lower="-2.5" upper="2.5" velocity="5" effort="100"/></joint>'
+        for child, parent, xyz, rpy, axis in joints
+    ]
+    return Robot.from_urdf("".join([*parts, "</robot>"]))

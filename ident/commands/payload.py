@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_log_argument(parser, "logs with the load")
     parser.add_argument("--without", nargs="+", metavar="FILE", help="logs without the load (default with a study file: its own logs)")
     parser.add_argument("--fit", metavar="FILE", help="saved fit without the load, instead of logs without it")
-    parser.add_argument("--link", help="link that carries the load; the last moving one by default")
+    parser.add_argument("--link", help="link that carries the load (default: the end of the arm, of several that which the logs show)")
     parser.add_argument("--method", help="estimator of both fits (default: the study's, else wls)")
     parser.add_argument("--effects", nargs="+", metavar="EFFECT", help="effects of the model besides the rigid body")
     add_reading_arguments(parser)

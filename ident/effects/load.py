@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -28,12 +28,24 @@ Array = np.ndarray
 
 @dataclass(frozen=True, kw_only=True)
 class _Carried(Effect):
-    """`joints`: the joints whose links carry it; the last joint's if None."""
+    """`joints`: the joints whose links carry it; the last joint's if None. Where it is sought, that is each end of a branched tree."""
 
     nature: ClassVar[Nature] = Nature.LINK
     per_joint: ClassVar[bool] = False
 
     side: Side = Side.JOINT
+
+    @classmethod
+    def placements(cls, robot: Robot, **configuration: Any) -> Iterator[Self]:
+        names = [joint.name for joint in robot.tree_joints]
+        carrying = [names[body - int(robot.floating_base)] for body in robot.tree.ends if body >= int(robot.floating_base)]
+        # Bodies that a loop or a mimic joint moves are not sought on their own: what they carry, the joint that moves them shows.
+        ends = [name for name in carrying if name in robot.joint_names]
+        if len(ends) < 2:
+            yield from super().placements(robot, **configuration)
+            return
+        for name in ends:
+            yield cls(joints=(name,), **configuration)
 
     def at(self, robot: Robot) -> list[int]:
         return [robot.n - 1] if self.joints is None else super().at(robot)

@@ -147,7 +147,7 @@ def payload_of(without: Estimate, with_load: Estimate, *, link: str | None = Non
     without, with_load : Estimate
         Each enters as its values with their covariance; what its log did not show is left open.
     link : str, optional
-        Who carries the load; by default the last link.
+        Who carries the load; by default the end of the arm. Where the tree has several ends, the one whose load explains the difference.
 
     Returns
     -------
@@ -158,6 +158,8 @@ def payload_of(without: Estimate, with_load: Estimate, *, link: str | None = Non
     ------
     ConfigurationError
         Estimates of different models.
+    DataError
+        A load that the logs do not show, or that several ends of the tree explain equally well.
 
     Examples
     --------

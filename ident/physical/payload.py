@@ -8,7 +8,7 @@ positive definite in the program itself."""
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -110,20 +110,68 @@ class PayloadEstimate(ShortRepr):
         }
 
 
-def payload_columns(structure: InertiaStructure, link: str | None = None) -> tuple[str, Array]:
-    """(link, A (b, 10)): how base values change with the ten parameters of a load on `link` (the last moving link by default)."""
-    name = structure.body_names[-1] if link is None else link
-    if name not in structure.body_names:
-        raise unknown_name("moving link", name, structure.body_names)
-    body = structure.body_names.index(name)
-    return name, structure.regroup[:, structure.inertial[10 * body : 10 * body + 10]]
+def payload_columns(structure: InertiaStructure, link: str) -> Array:
+    """How base values change with the ten parameters of a load on `link`, (b, 10)."""
+    if link not in structure.body_names:
+        raise unknown_name("moving link", link, structure.body_names)
+    body = structure.body_names.index(link)
+    return structure.regroup[:, structure.inertial[10 * body : 10 * body + 10]]
 
 
 def payload_from_logs(
     structure: InertiaStructure, without: tuple[Array, Array], with_load: tuple[Array, Array], *, link: str | None = None
 ) -> PayloadEstimate:
-    """From a log pair: `without` and `with_load` are whitened information blocks (R (m, b), z (m,)) of the same base parameters."""
-    return _estimate(structure, without, with_load, link)
+    """From a log pair: `without` and `with_load` are whitened information blocks (R (m, b), z (m,)) of the same base parameters.
+
+    Without a `link` the load is on the end of the tree; of several ends, on the one whose load explains the difference between the logs."""
+    _check(structure, without, with_load)
+    ends = [structure.body_names[body] for body in structure.tree.ends]
+    if link is not None or len(ends) == 1:
+        return _estimate(structure, without, with_load, link or ends[0])
+    return _on_one_of(structure, without, with_load, ends)
+
+
+def _on_one_of(
+    structure: InertiaStructure, without: tuple[Array, Array], with_load: tuple[Array, Array], ends: list[str]
+) -> PayloadEstimate:
+    """The load on that of several ends of the tree which explains most; refused where another one explains as much."""
+    found, unseen = [], []
+    for end in ends:
+        try:
+            found.append(_estimate(structure, without, with_load, end))
+        except DataError:  # nothing moved it
+            unseen.append(end)
+    if not found:
+        raise DataError(f"a load on {' or '.join(ends)} is not visible in these logs: move the joints before it.")
+    best = max(found, key=lambda one: one.chi2)
+    others = [one for one in found if one is not best]
+    # Two ends are as far apart as a body and what is none: by what noise makes of so many directions.
+    alike = [one for one in others if best.chi2 - one.chi2 <= _limit(max(best.identifiable, one.identifiable))]
+    if best.significant and alike:
+        named = " or on ".join(one.link for one in (best, *alike))
+        raise DataError(
+            f"these logs do not determine which link carries the load: a load on {named} explains the difference between them"
+            " equally well. Name the link with --link (link= in Python): one of these, or one before them."
+        )
+    notes = []
+    if others and not best.significant:
+        notes.append(f"nor is there a load on {', '.join(one.link for one in others)}.")
+    elif others and best.notes:
+        notes.append(f"a load on {', '.join(one.link for one in others)} explains less. Name another link with --link (link= in Python).")
+    if unseen:
+        notes.append(f"a load on {', '.join(unseen)} would not be visible in these logs: nothing moves before it.")
+    return replace(best, notes=(*best.notes, *notes))
+
+
+def _check(structure: InertiaStructure, without: tuple[Array, Array], with_load: tuple[Array, Array]) -> None:
+    for (R, z), which in ((without, "without"), (with_load, "with")):
+        R, z = np.atleast_2d(np.asarray(R, float)), np.asarray(z, float)
+        if R.shape[1] != structure.b or z.shape != (len(R),):
+            raise ConfigurationError(
+                f"the information block {which} the load has shape {R.shape}, but there are {structure.b} base parameters."
+            )
+        if not (np.all(np.isfinite(R)) and np.all(np.isfinite(z))):
+            raise DataError(f"the information block {which} the load holds values that are not finite.")
 
 
 def payload_from_fit(
@@ -138,7 +186,7 @@ def payload_from_fit(
     # A base parameter without variance is known; a millionth of itself stands for that.
     known = np.flatnonzero(size <= 0)
     R = np.concatenate([R, np.eye(structure.b)[known] / np.maximum(1e-6 * np.abs(values[known]), 1e-9)[:, None]])
-    return _estimate(structure, (R, R @ values), with_load, link)
+    return payload_from_logs(structure, (R, R @ values), with_load, link=link)
 
 
 def payload_from_fits(
@@ -152,19 +200,10 @@ def payload_from_fits(
     return payload_from_fit(structure, before[0], before[1], (R, R @ values), link=link)
 
 
-def _estimate(
-    structure: InertiaStructure, without: tuple[Array, Array], with_load: tuple[Array, Array], link: str | None
-) -> PayloadEstimate:
+def _estimate(structure: InertiaStructure, without: tuple[Array, Array], with_load: tuple[Array, Array], name: str) -> PayloadEstimate:
     start = time.perf_counter()
-    name, A = payload_columns(structure, link)
+    A = payload_columns(structure, name)
     (R0, z0), (R1, z1) = ((np.atleast_2d(np.asarray(R, float)), np.asarray(z, float)) for R, z in (without, with_load))
-    for R, z, which in ((R0, z0, "without"), (R1, z1, "with")):
-        if R.shape[1] != structure.b or z.shape != (len(R),):
-            raise ConfigurationError(
-                f"the information block {which} the load has shape {R.shape}, but there are {structure.b} base parameters."
-            )
-        if not (np.all(np.isfinite(R)) and np.all(np.isfinite(z))):
-            raise DataError(f"the information block {which} the load holds values that are not finite.")
     # A log adds nothing where it is blind; drop the arm's parameters by orthogonal triangularisation.
     stacked = np.concatenate([np.concatenate([R0, np.zeros((len(R0), 10)), z0[:, None]], 1), np.concatenate([R1, R1 @ A, z1[:, None]], 1)])
     size = np.linalg.norm(stacked[:, : structure.b], axis=0)
@@ -211,12 +250,12 @@ def _notes(link: str, left: float, free: int, cost: float, seen: int) -> tuple[s
     """What speaks against a load on that link: `left`, what its parameters leave (`free` degrees of freedom), and the `cost` of its being a
     body (twice a log-likelihood)."""
     out = []
-    if free and left > max(_chi2_limit(free), _MORE * free):
+    if free and left > _limit(free):
         out.append(
             f"a load on {link} does not explain the difference between the logs (chi2 {left:.4g} with {free} degrees of"
             " freedom): something else has changed, such as friction, or the load is on another link. `ident monitor` looks for it."
         )
-    if cost > max(_chi2_limit(seen), _MORE * seen):
+    if cost > _limit(seen):
         out.append(
             f"no physical body on {link} fits the logs (chi2 {cost:.4g}): something else has changed, or the load is on another link."
         )
@@ -298,6 +337,11 @@ def _log_cholesky(R: Array, z: Array, scale: Array) -> Array:
             best = found
     assert best is not None
     return body(best.x)
+
+
+def _limit(degrees: int) -> float:
+    """What noise and the inexactness of its colour leave of so many degrees of freedom."""
+    return max(_chi2_limit(degrees), _MORE * degrees)
 
 
 def _chi2_limit(degrees: int) -> float:

@@ -47,6 +47,11 @@ class RigidBodyTree:
         """Number of position coordinates."""
         return self.nb + 6 * self.floating
 
+    @property
+    def ends(self) -> tuple[int, ...]:
+        """The bodies that carry no other: one of a chain, several of a robot with two arms, with legs, or with fingers."""
+        return tuple(i for i in range(self.nb) if i not in self.parent)
+
     @classmethod
     def from_pinocchio(cls, model: pin.Model) -> RigidBodyTree:
         """From a model whose joints are revolute or prismatic (bounded type), after an optional free-flyer."""
