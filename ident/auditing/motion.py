@@ -20,6 +20,7 @@ from ..signals.filters import butterworth_transient, central_differences, zero_p
 from ..signals.resample import Clock, bridge
 from ..signals.uniform import Recording, UniformRun, uniform_runs
 from .columns import joint_names, positions, torque_of
+from .delay import lags_of, minimum, say_delay
 from .findings import AuditFinding, Severity
 from .torque import wild_samples
 
@@ -27,7 +28,6 @@ Array = np.ndarray
 Add = Callable[..., None]
 _MOST_SAMPLES = 200_000
 _MOST_ROWS = 5000
-_LAGS = 81
 #: A factor so near to that of degrees is theirs: gears have ratios about 57, too.
 _NEAR = 0.03
 
@@ -225,7 +225,7 @@ def _told_by(scale: float, j: int) -> str:
 
 def _best_lag(signals: Array, m: _Motion, basis: Array) -> tuple[float, bool]:
     """Lag (s) at which `basis` (L, k) on the inner samples best explains `signals` (N, r), and whether it lies inside the range tried."""
-    lags = _lags(m)
+    lags = lags_of(m.rate, m.inner.start)
     step = max(1, len(basis) // _MOST_ROWS)
     t = m.run.t[m.inner][::step]
     Q = np.linalg.qr(np.column_stack([basis[::step], np.ones(len(t))]))[0]
@@ -233,25 +233,7 @@ def _best_lag(signals: Array, m: _Motion, basis: Array) -> tuple[float, bool]:
     for x in signals.T:
         shifted = np.stack([np.interp(t + lag, m.run.t, x) for lag in lags], axis=1)
         left += np.sum((shifted - Q @ (Q.T @ shifted)) ** 2, axis=0) / max(float(np.sum(shifted**2)), 1e-300)
-    return _minimum(lags, left)
-
-
-def _lags(m: _Motion) -> Array:
-    """Lags to try, zero in the middle: up to 50 ms or ten samples, but within the part given up at the ends. Whole samples: between two of
-    them interpolation takes away noise, and what is left would be least where there is no delay."""
-    reach = int(min(max(10.0, 0.05 * m.rate), max(2.0, m.inner.start - 1.0)))
-    step = -(-2 * reach // (_LAGS - 1))
-    most = reach // step
-    return step * np.arange(-most, most + 1) / m.rate
-
-
-def _minimum(lags: Array, left: Array) -> tuple[float, bool]:
-    k = int(np.argmin(left))
-    if k in (0, len(lags) - 1):
-        return float(lags[k]), False
-    a, b, c = left[k - 1 : k + 2]
-    curve = a - 2 * b + c
-    return float(lags[k] + (0.5 * (a - c) / curve if curve > 0 else 0.0) * (lags[1] - lags[0])), True
+    return minimum(lags, left)
 
 
 def _dynamics(add: Add, robot: Robot, m: _Motion, still: Array) -> None:
@@ -266,7 +248,7 @@ def _dynamics(add: Add, robot: Robot, m: _Motion, still: Array) -> None:
     on_motor = robot.transmission.measured == Side.MOTOR
     v, a = (robot.transmission.motor_rate(x) if on_motor else x for x in (dq, ddq))
     t = m.run.t[m.inner][::step]
-    lags = _lags(m)
+    lags = lags_of(m.rate, m.inner.start)
     pooled, found = np.zeros(len(lags)), []
     for j, joint in enumerate(robot.joints):
         missing = m.run.missing[m.inner][::step][:, j]
@@ -281,7 +263,7 @@ def _dynamics(add: Add, robot: Robot, m: _Motion, still: Array) -> None:
             continue
         left, balance = told
         pooled += left * use.sum()
-        lag, inside = _minimum(lags, left)
+        lag, inside = minimum(lags, left)
         found.append((lag, inside, float(left[len(lags) // 2])))
         if left[len(lags) // 2] > 0.5:
             add(
@@ -302,7 +284,7 @@ def _dynamics(add: Add, robot: Robot, m: _Motion, still: Array) -> None:
                 joint.name,
                 balance,
             )
-    _delay(add, lags, pooled, found, m)
+    say_delay(add, lags, pooled, found, m.rate)
 
 
 def _against_structure(basis: Array, shifted: Array) -> tuple[Array, float] | None:
@@ -324,26 +306,3 @@ def _against_structure(basis: Array, shifted: Array) -> tuple[Array, float] | No
     solid = S[good] > 1e-2 * S[0]
     parts = (Vt[good][solid].T / S[good][solid]) @ (U[:, solid].T @ middle)
     return left, math.sqrt(float(np.sum((basis[:, keep] / scale[keep] * parts) ** 2)) / energy)
-
-
-def _delay(add: Add, lags: Array, pooled: Array, found: list[tuple[float, bool, float]], m: _Motion) -> None:
-    if not found or not pooled.any():
-        return
-    lag, inside = _minimum(lags, pooled)
-    gain = 1 - float(pooled.min() / pooled[len(lags) // 2])
-    # Only rows that the structure explains can tell a delay, and joints on one bus share it.
-    told = [f[0] for f in found if f[1] and f[2] < 0.3]
-    agree = len(told) >= max(1, len(found) // 2) and float(np.median(np.abs(np.array(told) - lag))) < 0.5 * abs(lag)
-    if inside and agree and gain > 0.1 and abs(lag) > 1 / m.rate:
-        which = "later" if lag > 0 else "earlier"
-        add(
-            "delay",
-            Severity.WARNING,
-            f"Torque fits the motion best {abs(lag) * 1e3:.3g} ms {which} than it was logged against it ({gain:.0%}"
-            " less residual): a delay, which biases inertia and viscous friction, or a controller's response to disturbances, which looks"
-            " like one; ident diagnose distinguishes them. If it is a delay, shift the torque, or let the effect 'delay' estimate it.",
-            "",
-            lag,
-        )
-    else:
-        add("delay", Severity.INFO, "No delay between torque and motion can be detected in this run.", "", 0.0)

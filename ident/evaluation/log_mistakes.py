@@ -106,12 +106,7 @@ class PositionLate(Misreading):
     rate: float
 
     def motion(self, joint: Coordinates, value: float) -> Coordinates:
-        q, dq, ddq = (x.copy() for x in (joint.q, joint.dq, joint.ddq))
-        jerk = self.rate * np.gradient(ddq[:, self.at])
-        q[:, self.at] += value * dq[:, self.at] + 0.5 * value**2 * ddq[:, self.at]
-        dq[:, self.at] += value * ddq[:, self.at] + 0.5 * value**2 * jerk
-        ddq[:, self.at] += value * jerk
-        return Coordinates(q, dq, ddq)
+        return _later(joint, np.where(np.arange(joint.q.shape[1]) == self.at, value, 0.0), self.rate)
 
     def noteworthy(self, value: float) -> bool:
         return abs(value) > 2.0 / self.rate and abs(value) > 0.005
@@ -123,6 +118,42 @@ class PositionLate(Misreading):
     @property
     def remedy(self) -> str:
         return "Check the clock of that joint's encoder, and filters that only its signal passes."
+
+
+@dataclass(frozen=True)
+class TorquesLate(Misreading):
+    """The torques of all joints come `value` s late against all positions; `rate`: samples per second.
+
+    Joints on one bus share a delay. One joint's clock accounts for a part of it, and was blamed for the whole."""
+
+    reach: ClassVar[float] = 0.05
+
+    rate: float
+
+    def motion(self, joint: Coordinates, value: float) -> Coordinates:
+        return _later(joint, np.full(joint.q.shape[1], -value), self.rate)
+
+    def noteworthy(self, value: float) -> bool:
+        # More than the sample that one end of a period is from the other, as in the audit.
+        return abs(value) > 1.0 / self.rate
+
+    def told(self, value: float) -> str:
+        when = "late" if value > 0 else "early"
+        return f"the torques of all joints seem to be about {1e3 * abs(value):.2g} ms too {when} relative to the positions"
+
+    @property
+    def remedy(self) -> str:
+        return (
+            "Shift the torques, or let the effect 'delay' estimate it; a controller's response to disturbances looks like a delay, too"
+            " (`ident diagnose` distinguishes them)."
+        )
+
+
+def _later(joint: Coordinates, seconds: Array, rate: float) -> Coordinates:
+    """The motion (N, n) so many `seconds` (n,) later."""
+    q, dq, ddq = joint.q, joint.dq, joint.ddq
+    jerk = rate * np.gradient(ddq, axis=0)
+    return Coordinates(q + seconds * dq + 0.5 * seconds**2 * ddq, dq + seconds * ddq + 0.5 * seconds**2 * jerk, ddq + seconds * jerk)
 
 
 @dataclass(frozen=True)
@@ -149,7 +180,8 @@ def misreadings(robot: Robot, rate: float) -> list[Misreading]:
     zeros = [ZeroOff(j, name, robot.position_unit(j, Side.JOINT)) for j, name in enumerate(robot.joint_names)]
     scaled = [TorqueScaled(j, name) for j, name in enumerate(robot.joint_names)]
     late = [PositionLate(j, name, rate) for j, name in enumerate(robot.joint_names)]
-    return [*zeros, *scaled, *late, ClockOff()]
+    together = [TorquesLate(rate)] if robot.n > 1 else []  # of one joint it is its position's delay
+    return [*zeros, *scaled, *late, *together, ClockOff()]
 
 
 def _way(value: float) -> str:

@@ -260,6 +260,19 @@ def test_delay_between_torque_and_motion(robot: Robot, delay: float) -> None:
     assert ("later" if delay > 0 else "earlier") in found.text
 
 
+def test_the_least_delay_that_would_be_detected_is_said(robot: Robot) -> None:
+    """It was said that none can be, whatever its size."""
+    log = good(robot)
+    told = re.search(r"one below ([\d.]+) ms", look(log, robot).of("delay")[0].text)
+    assert told
+    least = 1e-3 * float(told[1])
+    for times, severity in ((0.6, Severity.INFO), (1.6, Severity.WARNING)):
+        tau = np.column_stack([np.interp(log.t - times * least, log.t, c) for c in log.tau["joint"].T])
+        assert look(replace(log, tau={"joint": tau}), robot).of("delay")[0].severity == severity
+    loud = replace(log, tau={"joint": log.tau["joint"] + 50.0 * np.random.default_rng(1).standard_normal(log.q.shape)})
+    assert re.search(r"one of up to [\d.]+ ms would not be", look(loud, robot).of("delay")[0].text)
+
+
 def test_noise_of_the_torque_is_no_delay() -> None:
     """Between two samples interpolation would take half of it away, and what is left be least there: of such logs, half were said to be
     late."""

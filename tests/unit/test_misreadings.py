@@ -87,6 +87,28 @@ def test_the_torque_of_one_joint_in_another_unit(factor: float) -> None:
     assert told == pytest.approx(factor, rel=0.3)
 
 
+@pytest.mark.parametrize(("name", "late"), [("ur5", 2), ("ur5", -2), ("scara", 4), ("z1", 2)])
+def test_torques_that_are_late_together(name: str, late: int) -> None:
+    """One joint's encoder was blamed, or nothing."""
+    t, q, tau = recorded(name)
+    inner = slice(10, -10)
+    estimate = fitted(name, t[inner], q[inner], np.roll(tau, late, axis=0)[inner])
+    said = misreading(estimate)
+    assert said.startswith("the torques of all joints seem to be about ")
+    assert float(said.split("about ")[1].split()[0]) == pytest.approx(1e3 * abs(late) / RATE, rel=0.15)
+    assert f"too {'late' if late > 0 else 'early'} relative to the positions" in said
+    assert said in doubts(estimate)
+
+
+def test_a_position_that_alone_is_late_is_still_blamed_alone() -> None:
+    t, q, tau = recorded("ur5")
+    late = q.copy()
+    late[:, 2] = np.roll(q[:, 2], 4)
+    said = misreading(fitted("ur5", t[10:], late[10:], tau[10:]))
+    assert said.startswith("the position of elbow_joint seems to be about 2"), said
+    assert "all joints" not in said
+
+
 @pytest.mark.parametrize("clock", [1.5, 0.5])
 def test_another_clock(clock: float) -> None:
     t, q, tau = recorded("puma560")
