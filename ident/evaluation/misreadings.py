@@ -38,8 +38,8 @@ _SAMPLES, _BLOCKS, _PIECES, _FEW = 6_000, 8, 24, 2
 #: Standard deviations, by the scatter between pieces of time; share of the residual's squares; share of the column that base
 #: parameters cannot follow: a mistake is looked at from these on.
 _SURELY, _PART, _SEEN = 5.0, 0.05, 1e-3
-#: Taken out, it must lower the product of all joints' relative errors so many times, and raise that of none by more: what is no cause
-#: makes one joint fit at the cost of another.
+#: Taken out, it must lower the product of all joints' relative errors so many times, and that of one of them, and raise that of none by
+#: more: what is no cause makes one joint fit at the cost of another.
 FALL, _RISE = 1.3, 1.25
 #: What drives usually do stands beside the declared model: what that explains is no mistake of the log.
 _USUAL = ("rotor_inertia", "viscous", "coulomb", "offset")
@@ -63,6 +63,14 @@ class _Found:
     fall: float
     before: Array
     after: Array
+
+    @property
+    def of_another_kind(self) -> bool:
+        """Whether the fit is of another kind without it: all errors together, one joint's by itself, and none at the cost of another's.
+
+        A number that all joints share, such as a delay, takes a little away everywhere, whatever is wrong."""
+        one = float(np.nanmax(self.before / self.after))
+        return self.fall > np.log(FALL) and one > FALL and bool(np.all(self.after < _RISE * self.before))
 
 
 def misreading(estimate: Estimate) -> str:
@@ -176,8 +184,7 @@ class _Sampled:
             value += step
         assert best is not None
         found, value = best
-        sure = found.fall > np.log(FALL) and bool(np.all(found.after < _RISE * found.before)) and suspect.noteworthy(value)
-        return found if sure else None
+        return found if found.of_another_kind and suspect.noteworthy(value) else None
 
     def interchanged(self) -> list[_Found]:
         """Columns of another joint or in the opposite direction, and gravity in another one, without which the fit is of another kind."""
