@@ -187,17 +187,37 @@ def _sentence(problem: Problem, pieces: _Pieces, found: _Contradiction) -> str:
     relative = 100 * found.before[worst] / found.torque[worst], 100 * found.after[worst] / found.torque[worst]
     return (
         f"the torque contradicts the rest of the logs {', '.join(said)}{more}. Without that, the torque error of {names[worst]} falls from"
-        f" {relative[0]:.2g} to {relative[1]:.2g} % elsewhere: it biases the parameters. Look for a contact, a brake or"
-        " another load there, and cut it out, or use method irls, which gives it little weight. Where only the motion is of another kind,"
-        " the model lacks an effect (`ident diagnose`)."
+        f" {relative[0]:.2g} to {relative[1]:.2g} % elsewhere: it biases the parameters. {_advice(pieces, found.out, events[0])} Where only"
+        " the motion is of another kind, the model lacks an effect (`ident diagnose`)."
     )
+
+
+def _advice(pieces: _Pieces, out: Array, event: _Event) -> str:
+    """What to do about the largest event: what agrees before and after it is right; where it has one other side only, either may be."""
+    before, after = (_mostly_kept(pieces, out, side) for side in (slice(0, event.first), slice(event.last + 1, None)))
+    if before and after:
+        return "Look for a contact, a brake or another load there, and cut it out, or use method irls, which gives it little weight."
+    change = moment(round(event.start if before else event.stop, 2), event.origin)
+    return (
+        f"Something changed at {change} of log {event.log}, such as an offset that jumped, a collision or another load; these data do not"
+        " determine which side of it is right. Fit both sides separately, or keep the one that you trust."
+    )
+
+
+def _mostly_kept(pieces: _Pieces, out: Array, side: slice) -> bool:
+    """Whether there are pieces on a side of an event, and more of them agree with the rest than contradict it."""
+    used = np.bincount(pieces.number, pieces.used.any(axis=1), pieces.count)[side] > 0
+    return bool(2 * np.count_nonzero(used & ~out[side]) > np.count_nonzero(used))
 
 
 @dataclass(frozen=True)
 class _Event:
-    """Adjoining pieces of a log, `start` to `stop` s of a recording that begins at `origin`; the joint with the largest error."""
+    """Adjoining pieces of a log, the `first` to the `last`, `start` to `stop` s of a recording that begins at `origin`; the joint with the
+    largest error."""
 
     log: str
+    first: int
+    last: int
     origin: float
     start: float
     stop: float
@@ -217,12 +237,19 @@ def _events(problem: Problem, pieces: _Pieces, found: _Contradiction) -> list[_E
             time = signals.row_time[rows][pieces.number[rows] == piece]
             joint = int(np.nanargmax(found.times[piece]))
             new = _Event(
-                signals.run_names[run], signals.origins[run], float(time[0]), float(time[-1] + period), joint, found.times[piece, joint]
+                signals.run_names[run],
+                int(piece),
+                int(piece),
+                signals.origins[run],
+                float(time[0]),
+                float(time[-1] + period),
+                joint,
+                found.times[piece, joint],
             )
             if piece == last + 1:
                 old = events.pop()
                 larger = max(old, new, key=lambda event: event.times)
-                new = replace(larger, start=old.start, stop=new.stop)
+                new = replace(larger, first=old.first, last=new.last, start=old.start, stop=new.stop)
             events.append(new)
             last = int(piece)
     return sorted(events, key=lambda event: -event.times)

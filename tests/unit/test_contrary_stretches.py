@@ -92,6 +92,28 @@ def test_logs_with_and_without_a_load() -> None:
     """A stretch may be a whole log: it hides itself from a fit of all of them."""
     told = said(ident.LogSet((recorded(3), recorded(4, 20.0, load=2.0))))
     assert "log log4" in told
+    assert "do not determine which side" in told
+
+
+@pytest.mark.parametrize("at", [5.0, 25.0])
+def test_of_two_sides_of_a_step_neither_is_called_the_right_one(at: float) -> None:
+    """The shorter one was to be cut out, though it was the sound one."""
+    log = recorded(1)
+    model = MODEL + ident.make_effect("offset")
+    told = said(stepped(log, at), model=model)
+    change = re.search(r"changed at ([\d.]+) s of log log1", told)
+    assert change, told
+    assert float(change[1]) == pytest.approx(at, abs=0.6)
+    assert "cut it out" not in told
+    # What is the same before and after it is the rule.
+    assert "cut it out" in said(stepped(log, 12.0, 16.0), model=model)
+
+
+def stepped(log: ident.Log, at: float, until: float = np.inf) -> ident.Log:
+    """The torque of the second joint reads 10 N m more for a time."""
+    tau = log.tau["joint"].copy()
+    tau[(log.t >= at) & (log.t < until), 1] += 10.0
+    return replace(log, tau={"joint": tau})
 
 
 @pytest.mark.parametrize("seed", [5, 6])
