@@ -11,6 +11,7 @@ from ..errors import DataError
 from .channel_group import ChannelGroup, known_scale, unit_suffix
 from .readers.header import seconds
 from .readers.moments import MOMENT
+from .readers.text_rows import RowFault
 from .stamps import fraction_beside, fraction_of, since_1970
 from .time_names import scalar_time_names
 from .told_units import unread_unit
@@ -55,6 +56,8 @@ def time_of(
                 paired.add(name)
             elif fraction_of(name, names) and np.mean(np.diff(values) > 0) < 0.5:
                 continue
+        except RowFault:  # of the whole row, not of its time alone
+            raise
         except DataError as error:
             doubts.append(str(error).split(": ", 1)[-1])
             continue
@@ -62,7 +65,7 @@ def time_of(
         if len(step) and np.mean(step >= 0) > 0.9 and np.any(step > 0):
             rising[name] = values
         elif np.any(step):
-            doubts.append(f"column {name!r} does not increase from row to row.")
+            doubts.append(f"column {name!r} does not increase from row to row. Correct it.")
     if not rising:
         return RecordedTime(doubt=doubts[0] if doubts else "")
     if units.get(next(iter(rising))) == MOMENT:
@@ -81,7 +84,7 @@ def time_of(
                 return RecordedTime(name, factor)
     name, values = next(iter(rising.items()))
     if unread := unread_unit(units.get(name, "") or bracketed(name)[1]):
-        return RecordedTime(doubt=f"column {name!r} is in {unread!r}, which is not a known unit of time.")
+        return RecordedTime(doubt=f"column {name!r} is in {unread!r}, which is not a known unit of time. Correct it.")
     return RecordedTime(name, _seconds(name, values))
 
 

@@ -148,8 +148,7 @@ def _recognised(source: TableSource, joints: JointNames | None, rate: float | No
     if counted:
         mapping["t"] = COUNTED
     elif "t" not in mapping:
-        said = f"{where}: recognised{f' as {found.recorder}' if found.recorder else ''} ({found.text}), but it holds no time"
-        raise (UnreadableRows if found.untimed else DataError)(f"{said}{_remedy(found)}")
+        raise (UnreadableRows if found.untimed else DataError)(f"{where}: {_without_time(found)}")
     plan = resolve_columns((*names, COUNTED) if counted else names, joints, mapping, where=where)
     plan = _on_its_clock(plan, source) if rearranged is None else plan
     said = f"{where}: recognised by its columns{f' as {found.recorder}' if found.recorder else ''}: {found.text}."
@@ -190,14 +189,15 @@ def _on_its_clock(plan: ColumnPlan, source: TableSource) -> ColumnPlan:
     return replace(plan.on_clock(replace(clock, scale=factor)), notes=(*plan.notes, said))
 
 
-def _remedy(found: RecordedChannels) -> str:
-    """What is wrong with the time of a file, and what to do."""
+def _without_time(found: RecordedChannels) -> str:
+    """What is wrong with the time of a file that is recognised but for that, and what to do."""
     usual = "500" if found.rate_hz is None else f"{found.rate_hz:g}"
     such = ", for example" if found.rate_hz is None else ":"
     rate = f"give its sample rate{such} [logs] rate_hz = {usual} (--rate-hz {usual})"
     if found.untimed:
-        return f" that can be read ({found.untimed.rstrip('.')}). Correct or remove what is wrong there; or, if samples are even, {rate}."
-    return f": {rate}" + (f"; {usual} is usual for it." if found.rate_hz is not None else ".")
+        return f"{found.untimed} Or, if samples are even, {rate}."
+    said = f"recognised{f' as {found.recorder}' if found.recorder else ''} ({found.text}), but it holds no time: {rate}"
+    return said + (f"; {usual} is usual for it." if found.rate_hz is not None else ".")
 
 
 def _beside(source: TableSource, plan: ColumnPlan) -> tuple[dict[str, tuple[str, float, float]], tuple[str, ...]]:

@@ -126,7 +126,7 @@ def test_time_stamps(tmp_path: Path, kind: str, own: bool) -> None:
 def test_what_is_wrong_with_a_time_is_said(tmp_path: Path) -> None:
     rows = np.column_stack([T, Q_TAU])[np.random.default_rng(0).permutation(N)]
     path = write(tmp_path / "a.csv", ["time", *each("position_{}"), *each("effort_{}")], rows)
-    with pytest.raises(ident.DataError, match="no time that can be read \\(column 'time'"):
+    with pytest.raises(ident.DataError, match=r"a\.csv: column 'time' does not increase.*rate_hz"):
         ident.read_logs(path)
 
 
@@ -137,6 +137,30 @@ def test_a_line_of_text_between_stamps_is_told_with_what_to_do(tmp_path: Path) -
     lines = path.read_text().split("\n")
     path.write_text("\n".join([*lines[:20], "--- recorder restarted ---", *lines[20:]]))
     with pytest.raises(ident.DataError, match=r"data row 20: '--- recorder restarted ---'.*Correct or remove"):
+        ident.read_logs(path)
+
+
+@pytest.mark.parametrize("names", [["t", *each("q{}"), *each("tau{}")], ["time", *each("position_{}"), *each("effort_{}")]])
+@pytest.mark.parametrize("line", ["!!! CAN timeout", "!!! CAN timeout, node 3"])
+def test_a_line_that_is_no_row_is_quoted(tmp_path: Path, names: list[str], line: str) -> None:
+    """It was said that there is no time, or that a part of the line is not a position."""
+    path = write(tmp_path / "a.csv", names, np.column_stack([T, Q_TAU]))
+    lines = path.read_text().split("\n")
+    path.write_text("\n".join([*lines[:20], line, *lines[20:]]))
+    with pytest.raises(ident.DataError) as refused:
+        ident.read_logs(path)
+    said = str(refused.value)
+    assert said.startswith(f"log {path}: line 21 (data row 20) is not a row of numbers: {line.replace(', ', ',')!r}") or line in said
+    assert "remove that line" in said
+    assert "no time" not in said
+
+
+def test_a_time_that_is_no_number_is_told_first(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", ["time", *each("position_{}"), *each("effort_{}")], np.column_stack([T, Q_TAU]))
+    lines = path.read_text().split("\n")
+    lines[20] = ",".join(["ERR", *lines[20].split(",")[1:]])
+    path.write_text("\n".join(lines))
+    with pytest.raises(ident.DataError, match=r"a\.csv: column 'time', line 21 \(data row 20\): 'ERR' is not a number\. Correct or remove"):
         ident.read_logs(path)
 
 

@@ -87,7 +87,7 @@ def numeric(values: Array, path: Path, name: str, first: int = 1) -> Array:
         return values
     for row, value in enumerate(values.tolist(), first):
         if value is not None and not isinstance(value, (int, float)) and not (isinstance(value, str) and is_number(value)):
-            raise UnreadableRows(f"log {path}: column {name!r}, data row {row}: {value!r} is not a number.")
+            raise UnreadableRows(f"log {path}: column {name!r}, data row {row}: {value!r} is not a number. Correct or remove the row.")
     return np.array([np.nan if v is None else float(v) for v in values.tolist()])
 
 

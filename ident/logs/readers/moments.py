@@ -40,6 +40,7 @@ def seconds_of(texts: Array, path: Path, name: str) -> Array:
                 continue
             raise DataError(
                 f"log {path}: column {name!r}, data row {k + 1}: {str(text)[:40]!r} is not a date with a time, unlike the others."
+                " Correct or remove the row."
             )
         hour = int(found["hour"])
         if found["half"]:

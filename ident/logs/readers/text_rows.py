@@ -25,6 +25,8 @@ Buffer = bytes | memoryview
 _SHOWN, _BLOCK = 40, 1 << 16
 #: A number with its unit.
 _WITH_UNIT = re.compile(r"[+-]?\d+([.,]\d*)?([eE][+-]?\d+)?\s*[A-Za-z°µμ%][\w°µμ%/·*.²^-]{0,8}")
+#: What begins as a number does.
+_BEGUN = re.compile(r"[+\u2212-]?[.,]?\d")
 #: The minus sign of typesetting, as some programs write it.
 _TYPED_MINUS = "\u2212"
 #: A number with marks between its thousands: `1.000,50`, `1'000.5`, `1 000,5`.
@@ -32,7 +34,7 @@ _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?P<mark>[.,'’ \u00a0\u202f])\d{3})(?
 
 
 class RowFault(UnreadableRows):
-    """A row that cannot even be taken apart into fields."""
+    """A row that cannot even be taken apart into fields, or holds no number: whatever is read of the file, it is at fault."""
 
 
 def columns_by_rows(path: Path, header: Header, names: Sequence[str], text: Buffer, before: int, first: int = 1) -> dict[str, Array]:
@@ -48,7 +50,19 @@ def columns_by_rows(path: Path, header: Header, names: Sequence[str], text: Buff
                 f"log {path}: {at} has {counted(len(fields), 'field')}, but the header has {len(header.names)}; correct that line,"
                 f" or remove it: missing samples are bridged or left out."
             )
-        values.append([_value(fields[i], header, f"log {path}: column {name!r}, {at}") if i < len(fields) else np.nan for i, name in index])
+        own = [(fields[i], name) for i, name in index if i < len(fields)]
+        try:
+            read = [_value(field, header, f"log {path}: column {name!r}, {at}") for field, name in own]
+        except UnreadableRows:
+            if any(_says_a_number(field.strip()) for field in fields):
+                raise
+            text = header.delimiter.join(fields).rstrip(header.delimiter + " ")
+            raise RowFault(
+                f"log {path}: {at} is not a row of numbers: {_shown(text)!r}. Correct or remove that line; missing samples are bridged or"
+                " left out."
+            ) from None
+        told = dict(zip((name for _, name in own), read, strict=True))
+        values.append([told.get(name, np.nan) for _, name in index])
         rows[:] = [(line, fields)]
     if rows and header.delimiter != " " and _never_closed(text, header, rows[0][0] - before):
         raise UnreadableRows(
@@ -74,8 +88,6 @@ def _value(field: str, header: Header, where: str) -> float:
     plain = text.replace(",", ".", 1) if header.decimal == "," and "." not in text else "" if header.decimal == "," else text
     if is_number(plain):
         return float(plain)
-    # A quote that is not closed takes in the rest of the file.
-    shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
     remedy = "Correct or remove the row; write a missing value as an empty field."
     thousands = _THOUSANDS.fullmatch(text)
     # Between commas, a comma in quotes is no decimal one.
@@ -95,7 +107,17 @@ def _value(field: str, header: Header, where: str) -> float:
         remedy = "Write numbers only, and put their unit into the header, as in q1_deg."
     elif is_moment(text):
         remedy = "It is a date with a time: write times in seconds (from any origin), in every row."
-    raise UnreadableRows(f"{where}: {shown!r} is not a number. {remedy}")
+    raise UnreadableRows(f"{where}: {_shown(text)!r} is not a number. {remedy}")
+
+
+def _says_a_number(text: str) -> bool:
+    """Whether a field stands for a number, or for a missing one, however it is written."""
+    return bool(text) and (text.lower() in MISSING or is_number(text) or _BEGUN.match(text) is not None)
+
+
+def _shown(text: str) -> str:
+    """A text as messages show it: a quote that is not closed takes in the rest of the file."""
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
 
 
 def _never_closed(text: Buffer, header: Header, line: int) -> bool:
