@@ -9,10 +9,11 @@ import numpy as np
 
 from .._utils.text import counted
 from ..errors import DataError
+from ..estimators.least_squares import WeightedLeastSquares
 from ..problem.opposite_signs import negative_share, opposite_sign
 from .against_nominal import factor_doubt, size_doubt, zero_doubt
 from .contrary_stretches import contrary
-from .misreadings import misassigned, misreading
+from .misreadings import beside_the_usual, misassigned, misreading
 from .negative_inertia import negative_inertia
 
 if TYPE_CHECKING:
@@ -131,7 +132,22 @@ def _turned(estimate: Estimate) -> str:
 
 def _cause(estimate: Estimate) -> str:
     """What the log has wrong, the surest first: what follows from one cause is not blamed on the next."""
-    return _of_the_log(estimate) or zero_doubt(estimate) or factor_doubt(estimate) or size_doubt(estimate)
+    return _of_the_log(estimate) or _of_the_urdf(estimate)
+
+
+def _of_the_urdf(estimate: Estimate) -> str:
+    """What sets the fit apart from the URDF, unless what drives usually do accounts for it: a constant torque turns a link as a zero does.
+
+    It is the question that every mistake of a log is asked (`misreadings`), and that the findings of a diagnosis settle."""
+    said = _against_nominal(estimate)
+    problem = beside_the_usual(estimate) if said else None
+    if problem is None or len(problem.model.effects) == len(estimate.model.effects):
+        return said
+    return _against_nominal(WeightedLeastSquares().solve(problem))
+
+
+def _against_nominal(estimate: Estimate) -> str:
+    return zero_doubt(estimate) or factor_doubt(estimate) or size_doubt(estimate)
 
 
 def _of_the_log(estimate: Estimate) -> str:

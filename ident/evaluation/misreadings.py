@@ -93,6 +93,18 @@ def misassigned(estimate: Estimate) -> str:
     return "" if rows is None else _sentence(rows.interchanged(), estimate.model.robot.joint_names)
 
 
+def beside_the_usual(estimate: Estimate) -> Problem | None:
+    """The plain problem of an estimate, with what drives usually do beside its model; None where it has none."""
+    problem = estimate.problem
+    if problem is None or type(problem) is not Problem or Need.HISTORY in problem.model.needs:
+        return None
+    declared = problem.model
+    known = {effect.name for effect in declared.effects}
+    model = Model(declared.robot, (*declared.effects, *(make_effect(name) for name in _USUAL if name not in known)))
+    values = np.concatenate([estimate.all_values, np.zeros(len(model.parameters) - len(declared.parameters))])
+    return Problem(model, problem.signals, reference=None if problem.reference is None else values)
+
+
 def _sentence(found: list[_Found], names: Sequence[str]) -> str:
     """What the mistakes that were found are, the one that accounts for most first; "" without any."""
     if not found:
@@ -119,14 +131,11 @@ class _Sampled:
 
     @classmethod
     def of(cls, estimate: Estimate) -> _Sampled | None:
-        problem = estimate.problem
-        if problem is None or type(problem) is not Problem or Need.HISTORY in problem.model.needs:
+        problem = beside_the_usual(estimate)
+        if problem is None:
             return None
-        declared, signals = problem.model, problem.signals
-        known = {effect.name for effect in declared.effects}
-        model = Model(declared.robot, (*declared.effects, *(make_effect(name) for name in _USUAL if name not in known)))
-        values = np.concatenate([estimate.all_values, np.zeros(len(model.parameters) - len(declared.parameters))])
-        problem = Problem(model, signals, reference=None if problem.reference is None else values)
+        signals = problem.signals
+        values = np.concatenate([estimate.all_values, np.zeros(len(problem.model.parameters) - len(estimate.model.parameters))])
         blocks = list(signals.blocks(None if len(signals.q) <= _SAMPLES else _block_size(signals)))
         enough = _FEW * _PIECES
         for count in (_BLOCKS, 4 * _BLOCKS, len(blocks)):

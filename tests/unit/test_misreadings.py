@@ -260,20 +260,43 @@ def test_a_spring_about_an_axis_along_gravity_is_no_other_mounting() -> None:
     assert "gravity" in misassigned(WeightedLeastSquares().solve(Problem(model, ZeroPhase(cutoff_hz=10.0)(log, on_a_wall))))
 
 
-def test_a_diagnosis_that_explains_a_log_takes_doubts_about_the_fit_without_it_back() -> None:
-    """A constant torque on a short swing looks like a joint's zero that is off, until the constant torque is found."""
+def swung(swing: float, constant: float = 0.0, zero: float = 0.0, late: int = 0) -> ident.Estimate:
+    """A fit of a pendulum's friction and link: `constant`, times its usual torque, comes to that; the position reads `zero` too far; the
+    torque comes so many samples `late`."""
     robot = ident.Robot.from_urdf(PENDULUM)
     rng = np.random.default_rng(5)
     t = np.arange(0.0, 30.0, 1.0 / RATE)
-    c = FourierTrajectory(np.full(1, 0.3), *0.25 * rng.normal(size=(2, 5, 1)) / np.arange(1, 6)[:, None], 0.1).sample(t)
+    c = FourierTrajectory(np.full(1, 0.3), *swing * rng.normal(size=(2, 5, 1)) / np.arange(1, 6)[:, None], 0.1).sample(t)
     model = robot.rigid_body() + ident.make_effect("viscous") + ident.make_effect("coulomb")
     size = float(np.sqrt(np.mean(model.inverse_dynamics(c.q, c.dq, c.ddq, np.r_[robot.nominal, 0.0, 0.0]) ** 2)))
-    tau = model.inverse_dynamics(c.q, c.dq, c.ddq, np.r_[robot.nominal, 0.05 * size, 0.1 * size]) + 0.5 * size
-    log = ident.Log("run", t, q=c.q, tau={robot.transmission.measured.value: tau + 0.01 * size * rng.standard_normal(tau.shape)})
-    estimate = ident.fit(log, robot, model=model, held=0)
+    tau = model.inverse_dynamics(c.q, c.dq, c.ddq, np.r_[robot.nominal, 0.05 * size, 0.1 * size]) + constant * size
+    tau = np.roll(tau + 0.01 * size * rng.standard_normal(tau.shape), late, axis=0)
+    inner = slice(20, -20)
+    log = ident.Log("run", t[inner], q=c.q[inner] + zero, tau={robot.transmission.measured.value: tau[inner]})
+    return ident.fit(log, robot, model=model, held=0)
+
+
+@pytest.mark.parametrize(("swing", "constant"), [(0.25, 0.5), (0.25, 0.2), (0.6, -0.3)])
+def test_a_constant_torque_is_no_zero_that_is_off(swing: float, constant: float) -> None:
+    """On a short swing it turns the link as a zero does: a plain fit blamed the zero, and its diagnosis took that back."""
+    estimate = swung(swing, constant=constant)
+    assert "the zero of that joint is off" in zero_doubt(estimate)
+    assert not any("zero" in said for said in estimate.warnings)
+    assert [f.name for f in ident.diagnose(estimate).findings] == ["offset"]
+
+
+@pytest.mark.parametrize(("swing", "zero"), [(0.25, 0.3), (0.6, -0.3), (1.0, 0.1)])
+def test_a_zero_that_no_constant_torque_accounts_for_is_still_told(swing: float, zero: float) -> None:
+    told = next(said for said in swung(swing, zero=zero).warnings if "the zero of that joint is off" in said)
+    assert f"reads {abs(zero):.2g} rad too {'far' if zero > 0 else 'little'}" in told
+
+
+def test_a_diagnosis_that_explains_a_log_takes_doubts_about_the_fit_without_it_back() -> None:
+    """A torque that is late looks like a position that is early, until the delay is found."""
+    estimate = swung(1.0, late=6)
     wrong = doubts(estimate)
-    assert any("zero" in one for one in wrong)
+    assert any("too early" in one for one in wrong)
     assert set(wrong) <= set(estimate.warnings)
     found = ident.diagnose(estimate)
-    assert [(f.name, f.joints) for f in found.findings] == [("offset", robot.joint_names)]
+    assert [(f.name, f.joints) for f in found.findings] == [("delay", estimate.model.robot.joint_names)]
     assert not [w for w in found.warnings if any(old in w for old in wrong)]

@@ -56,9 +56,9 @@ def columns_by_rows(path: Path, header: Header, names: Sequence[str], text: Buff
         except UnreadableRows:
             if any(_says_a_number(field.strip()) for field in fields):
                 raise
-            text = header.delimiter.join(fields).rstrip(header.delimiter + " ")
+            whole = header.delimiter.join(fields).rstrip(header.delimiter + " ")
             raise RowFault(
-                f"log {path}: {at} is not a row of numbers: {_shown(text)!r}. Correct or remove that line; missing samples are bridged or"
+                f"log {path}: {at} is not a row of numbers: {_shown(whole)!r}. Correct or remove that line; missing samples are bridged or"
                 " left out."
             ) from None
         told = dict(zip((name for _, name in own), read, strict=True))
