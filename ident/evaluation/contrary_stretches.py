@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import reduce
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from operator import add
 from typing import TYPE_CHECKING
 
@@ -176,7 +176,9 @@ def _rms(residual: Array, used: Array) -> Array:
 
 def _sentence(problem: Problem, pieces: _Pieces, found: _Contradiction) -> str:
     names = problem.model.robot.joint_names
-    events = _events(problem, pieces, found)
+    first, *others = _events(problem, pieces, found)
+    # What stands out of a fit this good without bending it, as reversals do, is no part of what is wrong.
+    events = [first, *takewhile(lambda event: _bends(problem, pieces, found, event), others)]
     said = [
         f"at {moment(round(event.start, 2), event.origin)}, for {event.stop - event.start:.2g} s"
         f" (log {event.log}; {event.times:.3g} times the usual error of {names[event.joint]})"
@@ -190,6 +192,15 @@ def _sentence(problem: Problem, pieces: _Pieces, found: _Contradiction) -> str:
         f" {relative[0]:.2g} to {relative[1]:.2g} % elsewhere: it biases the parameters. {_advice(pieces, found.out, events[0])} Where only"
         " the motion is of another kind, the model lacks an effect (`ident diagnose`)."
     )
+
+
+def _bends(problem: Problem, pieces: _Pieces, found: _Contradiction, event: _Event) -> bool:
+    """Whether the rest is fitted much worse with an event among it."""
+    out = found.out.copy()
+    out[event.first : event.last + 1] = False
+    kept = replace(problem, signals=replace(problem.signals, valid=problem.valid & ~out[pieces.number][:, None], source=None))
+    error = _rms(_refitted(problem, kept.information), problem.valid & ~found.out[pieces.number][:, None])
+    return float(np.nansum(np.log(error / found.after))) > np.log(FALL)
 
 
 def _advice(pieces: _Pieces, out: Array, event: _Event) -> str:

@@ -69,6 +69,15 @@ def test_a_contact_is_located(start: float) -> None:
     assert "log log1" in told
 
 
+def test_what_bends_the_fit_is_named_and_nothing_else() -> None:
+    """Beside a contact, half seconds of reversals stand out of so good a fit; they were named as well."""
+    assert said(pushed(recorded(1), 13.4)).count("times the usual error of") == 1
+    both = said(pushed(pushed(recorded(1), 6.2), 18.6))
+    assert both.count("times the usual error of") == 2
+    assert "at 5." in both or "at 6." in both
+    assert "at 18." in both
+
+
 def test_a_robust_fit_is_not_bent() -> None:
     log = pushed(recorded(1), 13.4)
     assert said(log, method="irls") == ""

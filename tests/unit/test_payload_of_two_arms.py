@@ -29,7 +29,7 @@ def fitted(seed: int, on: str = "", moving: int = 7) -> ident.Estimate:
 def logged(seed: int, on: str = "", moving: int = 7) -> ident.Log:
     rng, t = np.random.default_rng(seed), np.arange(3000) / 150.0
     sine, cosine = rng.normal(size=(2, 5, ROBOT.n)) / np.arange(1, 6)[None, :, None] * (np.arange(ROBOT.n) < moving)
-    c = FourierTrajectory(np.full(ROBOT.n, 0.2), 0.5 * sine, 0.5 * cosine, 0.1).sample(t)
+    c = FourierTrajectory(np.full(ROBOT.n, 0.2), 0.5 * sine, 0.5 * cosine, 0.05).sample(t)
     assert ROBOT.nominal is not None
     links = ROBOT.nominal.copy()
     if on:
