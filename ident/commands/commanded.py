@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 from .._utils.json import result
 from .._utils.text import counted
-from ..drives import DriveLog
+from ..drives.fit import notes_of
 from ..drives.plant import DrivePlant
+from ..drives.residual import require_motion
 from ..drives.seen import seen_in
+from ..drives.space import drive_logs
 from ..errors import ConfigurationError
 from ..logs.reading import read_logs
 from ..study.session import HELD_SHARE
@@ -41,9 +43,10 @@ def check_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
             "check --strict needs a measured torque, which logs of commands do not have; `ident fit` reports what they determine."
         )
     robot, law, recorded = read_commanded(study)
-    plant = DrivePlant(study.model(robot), law, tuple(DriveLog.of(log, robot, law) for log in recorded))
+    plant = DrivePlant(study.model(robot), law, drive_logs(recorded, robot, law))
+    require_motion(plant)
     out.say_wrapped(f"robot {robot.name}: {counted(robot.n, 'joint')} in the order of the log: {', '.join(robot.joint_names)}")
-    for note in (*robot.notes, *robot.doubts, *recorded.notes):
+    for note in (*robot.notes, *robot.doubts, *recorded.notes, *notes_of(plant)):
         out.say_wrapped(f"note: {note}")
     seen = [seen_in(log, law) for log in plant.logs]
     for one in seen:

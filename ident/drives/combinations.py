@@ -17,7 +17,6 @@ SHARE = 0.3
 _ROUND = 0.03
 #: A member whose usual size moves the value of a sum by less than this share is left out of it.
 _PART = 0.05
-_SCALES = ("kp", "torque_scale")
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,7 @@ class Joined:
         for k, h in enumerate(self.held):
             one = self.unknowns[h]
             grows = follows_torque(one, one.place) and one.lower >= 0.0 and self.values[h] > 0.0
-            if grows and (k in terms or one.place in _SCALES):
+            if grows and (k in terms or one.scale):
                 found.append(k)
         return found
 
@@ -166,15 +165,15 @@ def separated_by(members: Sequence[Unknown]) -> str:
     """The further log or number that would tell the members of a combination apart."""
     places = {u.place for u in members}
     advice = []
-    if {"kd", "viscous"} <= places or ("kd" in places and not places & {"viscous"}):
+    if any(u.place == "kd" and not u.scale for u in members):
         advice.append("kd from the drive's settings, a log with another kd, or a log in which the velocity command dq_cmd varies")
     if any(u.place == "torque_scale" and u.unit == "N m/V" for u in members) and "kp" not in places:
         advice.append(
             "torque_scale (torque constant over winding resistance) from the data sheet, a log with a known mass added, or one with current"
             " or torque"
         )
-    elif places & set(_SCALES):
-        scale = "kp" if "kp" in places else "torque_scale"
+    elif scales := sorted({u.place for u in members if u.scale}):
+        scale = scales[0]
         advice.append(f"{scale} from the drive's settings, a log with a known mass added, or one with current or torque")
     if {"back_emf", "viscous"} <= places:
         advice.append("free swings with the torque switched off (torque_enable 0)")

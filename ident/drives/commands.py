@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._utils.singular_values import lstsq
+from .._utils.text import counted
 from ..errors import DataError
 from ..logs.units import split_unit, unit_of
+from .first_state import first_state
 from .law import DriveLaw, SupplyForm, VelocityCommand
+from .turns import joined_turns, of_the_same_turn
 
 if TYPE_CHECKING:
     from ..logs.log import Log
@@ -21,10 +23,6 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 _COLUMN = re.compile(r"^(?P<what>q_cmd|dq_cmd|tau_ff|torque_enable|supply|voltage)_?(?P<joint>[0-9]+)$", re.IGNORECASE)
-#: Samples at the start of a log from which its initial speed is taken where none was logged.
-_FIRST = 6
-#: Standard deviations from which on a first speed is one.
-_SURE = 4.0
 #: Steps of an encoder that a joint moves from one sample to the next but one where a repeated reading is none of a joint at rest.
 _FEW = 4
 
@@ -35,7 +33,8 @@ class DriveLog:
 
     `t` (N,) s from the first sample; `q` (N, n); `q_cmd`, `dq_cmd`, `tau_ff` (N, n): commands (of law "voltage": `tau_ff` is the voltage,
     V, the others are 0); `enabled` (N, n): share of the torque that is switched on; `supply` (N, n) V, None where the law needs none;
-    `origin`, `start` (n,): first position and speed; `later`: whether the recording began before."""
+    `origin`, `start` (n,): first position and speed; `later`: whether the recording began before; `kept` (rows of the recording,): which
+    of them these are; `notes`: what was made of commands and positions."""
 
     name: str
     t: Array
@@ -48,6 +47,8 @@ class DriveLog:
     origin: Array
     start: Array
     later: bool = False
+    kept: Array = field(default_factory=lambda: np.zeros(0, bool))
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def fresh(self) -> Array:
@@ -65,7 +66,7 @@ class DriveLog:
     def of(cls, log: Log, robot: Robot, law: DriveLaw) -> DriveLog:
         """From a recorded log. Raises DataError where it lacks what the law needs."""
         law = law.for_log(log.name)
-        q = log.position(robot.transmission)
+        q, turned = joined_turns(log.position(robot.transmission), robot)
         good = np.isfinite(q).all(axis=1)
         columns = commanded(log.extra, robot)
         if law.sends_positions and "q_cmd" not in columns:
@@ -88,9 +89,11 @@ class DriveLog:
                 )
             columns = {"tau_ff": columns["voltage"], **{k: x for k, x in columns.items() if k == "torque_enable"}}
         t = log.t[good] - log.t[good][0]
+        lacking = _missing(log.name, {what: array[good] for what, array in columns.items()}, robot)
+        notes = (*(f"log {log.name}: {said}" for said in turned), *lacking)
         got = {what: _held(array[good]) for what, array in columns.items()}
         none = np.zeros_like(q[good])
-        q_cmd = got.get("q_cmd", none)
+        q_cmd = of_the_same_turn(got["q_cmd"], q[good], robot) if "q_cmd" in got else none
         speed = got.get("dq_cmd", none) if law.velocity_command == VelocityCommand.LOGGED else none
         if law.velocity_command == VelocityCommand.DERIVATIVE:
             speed = np.gradient(q_cmd, t, axis=0)
@@ -99,11 +102,11 @@ class DriveLog:
             supply = np.broadcast_to(supply.mean(axis=0), supply.shape).copy()
         enabled = got.get("torque_enable", np.ones_like(none))
         rate = log.velocity(robot.transmission)
-        origin, first = _first_state(t, q[good])
+        origin, first = first_state(t, q[good])
         if rate is not None and np.isfinite(rate[good][0]).all():
             first = np.where(first == 0.0, 0.0, rate[good][0])
         later = bool(log.t[0] > log.began)
-        return cls(log.name, t, q[good], q_cmd, speed, got.get("tau_ff", none), enabled, supply, origin, first, later)
+        return cls(log.name, t, q[good], q_cmd, speed, got.get("tau_ff", none), enabled, supply, origin, first, later, good, notes)
 
     @property
     def period(self) -> float:
@@ -138,6 +141,26 @@ def commanded(extra: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
     return out
 
 
+def _missing(name: str, columns: Mapping[str, Array], robot: Robot) -> list[str]:
+    """A note of commands that are missing in some rows (N, n): a drive goes by the last one."""
+    out = []
+    for what, values in columns.items():
+        lacking = np.isnan(values)
+        for j in np.flatnonzero(lacking.any(axis=0) & ~lacking.all(axis=0)):
+            count, longest = int(lacking[:, j].sum()), _longest(lacking[:, j])
+            out.append(
+                f"log {name}: {what}{j + 1} (joint {robot.joint_names[j]}) is missing in {count} of {counted(len(values), 'sample')},"
+                f" {longest} of them on end at most; the drive is taken to have gone by the last one before."
+            )
+    return out
+
+
+def _longest(flags: Array) -> int:
+    """Length of the longest run of true ones."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)
+    return int(np.max(edges[:, 1] - edges[:, 0], initial=0))
+
+
 def _held(values: Array) -> Array:
     """Values with gaps filled by what stood before (a command lasts until the next)."""
     if np.isfinite(values).all():
@@ -150,64 +173,3 @@ def _held(values: Array) -> Array:
         else:
             column[:] = 0.0
     return out
-
-
-def _first_state(t: Array, q: Array) -> tuple[Array, Array]:
-    """Position and speed (n,) at the first sample. A joint at rest: the mean of its readings there, and no speed, because a simulation
-    that starts where noise has put it stays there until friction is overcome. One that moves: its first reading, and a straight line."""
-    origin, speed = q[0].copy(), np.zeros(q.shape[1])
-    few = min(_FIRST, len(t))
-    for j, values in enumerate(q.T):
-        slope, doubt = _line(t[:few], values[:few])
-        if abs(slope) > _SURE * doubt and _goes_on(t[: 2 * few], values[: 2 * few], few):
-            origin[j], speed[j] = _moving(t[:few], values[:few], slope)
-            continue
-        count = few
-        while 2 * count <= len(t):
-            slope, doubt = _line(t[: 2 * count], values[: 2 * count])
-            if abs(slope) > _SURE * doubt or _beyond(values[:count], values[count : 2 * count]):
-                break
-            count *= 2
-        origin[j] = float(np.mean(values[:count]))
-    return origin, speed
-
-
-def _beyond(before: Array, behind: Array) -> bool:
-    """Whether readings are elsewhere than as many before them, at rest, whose spread is that of both. Few readings know their spread badly:
-    in units of it the limit is that of Student's distribution, as rarely exceeded by chance as the sure one of known spread."""
-    from scipy.special import ndtr, stdtrit
-
-    count = len(before)
-    sure = -float(stdtrit(count - 1, ndtr(-_SURE)))
-    doubt = float(np.std(before, ddof=1)) * np.sqrt(2.0 / count)
-    return abs(float(np.mean(behind) - np.mean(before))) > sure * doubt + 1e-12
-
-
-def _goes_on(t: Array, values: Array, few: int) -> bool:
-    """Whether the readings behind the first few are elsewhere. A line through few readings is never quite level, and its doubt, taken from
-    the same few, is by chance several times too small: of one joint at rest in sixty that would be a speed."""
-    if len(t) < 2 * few:
-        return True
-    halves = (slice(0, few), slice(few, 2 * few))
-    spread = sum((_line(t[at], values[at])[1] ** 2) * float(np.sum((t[at] - t[at].mean()) ** 2)) for at in halves) / 2.0
-    apart = abs(float(np.mean(values[halves[1]]) - np.mean(values[halves[0]])))
-    return bool(apart > _SURE * np.sqrt(2.0 * spread / few))
-
-
-def _moving(t: Array, values: Array, slope: float) -> tuple[float, float]:
-    """Position and speed at the first of a few readings of a joint that moves: of a parabola where they are bent for sure."""
-    powers = np.vander(t - t[0], 3, increasing=True)
-    found = lstsq(powers, values, rcond=None)
-    left = values - powers @ found
-    spread = float(left @ left) / max(len(t) - 3, 1) * np.linalg.inv(powers.T @ powers)
-    bent = abs(found[2]) > _SURE * np.sqrt(spread[2, 2])
-    return (float(found[0]), float(found[1])) if bent else (float(values[0]), slope)
-
-
-def _line(t: Array, values: Array) -> tuple[float, float]:
-    """Slope of a straight line, and its standard deviation."""
-    time = t - t.mean()
-    size = max(float(time @ time), 1e-300)
-    slope = float(time @ values) / size
-    left = values - values.mean() - slope * time
-    return slope, float(np.sqrt(left @ left / max(len(t) - 2, 1) / size))

@@ -164,7 +164,7 @@ class SimulatedSearch:
         return values
 
     def _scales(self) -> bool:
-        return any(u.place in ("kp", "torque_scale") for u in self.plant.unknowns)
+        return any(u.place in self.plant.law.scales for u in self.plant.unknowns)
 
     def _exchanges(self, values: Array) -> list[Array]:
         """Directions (p,) along which a motion may change next to nothing: kd or back-EMF for viscous friction, a deadband for dry
@@ -191,7 +191,7 @@ class SimulatedSearch:
                 direction[[offset, *begun]] = 1.0
                 direction[offset] /= unknown[offset].factor
                 out.append(direction * max(*np.abs(values[begun]), *self.sizes[begun]))
-        scales = ("torque_scale",) if self.plant.law.in_volts else ("kp", "torque_scale")
+        scales = ("torque_scale",) if self.plant.law.in_volts else self.plant.law.scales
         return [*out, *(direction for scale in scales for direction in self._scaled(values, scale))]
 
     def _scaled(self, values: Array, scale: str) -> list[Array]:

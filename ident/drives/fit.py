@@ -84,7 +84,7 @@ def fit_drives(
     at, sizes = starts(plant)
     found = steadied(plant, fitted(plant, at, sizes, progress=progress), sizes)
     fit = finished(plant, found, sizes, logs.inputs)
-    return fit if held is None else fit.with_heldout(held)
+    return fit if held is None else fit.with_heldout(held, logs)
 
 
 def finished(plant: DrivePlant, found: Fitted, sizes: Array, inputs: tuple[dict[str, str], ...] = ()) -> DriveFit:
@@ -93,13 +93,18 @@ def finished(plant: DrivePlant, found: Fitted, sizes: Array, inputs: tuple[dict[
     precision = Precision.of(found, np.maximum(np.abs(found.values), sizes))
     told = tuple(one.text(plant.robot.joint_names[one.joint]) for one in unexplained(plant, found))
     fit = result_of(plant, found, sizes, inputs)
-    warnings = (*fit.warnings, *scale_of_gains(plant), *told, *above_noise(plant, found))
+    warnings = (*fit.warnings, *scale_of_gains(plant), *notes_of(plant), *told, *above_noise(plant, found))
     return replace(fit, delay_ends=delay_profiles(plant, found, sizes, precision), warnings=warnings)
+
+
+def notes_of(plant: DrivePlant) -> tuple[str, ...]:
+    """What was made of the logs' commands and positions."""
+    return tuple(note for log in plant.logs for note in log.notes)
 
 
 def scale_of_gains(plant: DrivePlant) -> tuple[str, ...]:
     """That the scale of everything is that of the URDF's links, where no gain of a joint is known."""
-    if not plant.law.links_known or not any(u.place in ("kp", "torque_scale") for u in plant.unknowns):
+    if not plant.law.links_known or not any(u.place in plant.law.scales for u in plant.unknowns):
         return ()
     text = (
         "gains are identified against the inertial parameters of the URDF's links: where these are wrong by a factor, gains, rotor inertia"

@@ -222,6 +222,16 @@ class DriveLaw:
         return self.kind in ("pwm", "voltage")
 
     @property
+    def gain(self) -> str:
+        """The constant to which the drive's torque is in proportion: of a drive that is sent speeds, kd."""
+        return "kd" if self.kind == "pd_velocity" else "kp"
+
+    @property
+    def scales(self) -> tuple[str, ...]:
+        """Constants of which any one unknown leaves the scale of all torque open."""
+        return (self.gain, "torque_scale")
+
+    @property
     def fixed(self) -> frozenset[str]:
         """Constants of the general law that this kind has no place for."""
         return frozenset(_FIXED.get(self.kind, ()))

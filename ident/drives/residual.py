@@ -9,6 +9,7 @@ import numpy as np
 from .._utils.singular_values import lstsq
 from ..errors import DataError
 from ..signals.cutoff import choose_cutoff
+from ..statistics.outliers import BY_CHANCE
 from .commands import DriveLog
 from .plant import DrivePlant
 from .search import Fitted
@@ -17,6 +18,8 @@ from .stretches import shares
 Array = np.ndarray
 #: Lags at which a residual is looked at, the share of it that its past may predict, and how improbable that must be by chance.
 _LAGS, FORETOLD, _CHANCE = 20, 0.1, 60.0
+#: Share of the spectrum that the noise is told by.
+_PART = 0.2
 #: Samples from which on a log's noise is estimated.
 _FEW = 64
 #: Times the noise of its readings by which a joint that moves does so (standard deviation).
@@ -85,12 +88,21 @@ def _loud(plant: DrivePlant, fit: Fitted) -> tuple[Array, Array, Array]:
     return ~(np.square(noise) >= (1.0 - FORETOLD) * np.square(rms)), rms, noise
 
 
+def _surely(count: int) -> float:
+    """Ratio, which chance hardly reaches, of the variance of `count` errors to that of the noise, known by the upper part of a spectrum."""
+    from scipy.special import fdtri
+
+    return float(fdtri(count, max(_PART * count, 1.0), 1.0 - BY_CHANCE**2)) / (1.0 - FORETOLD)
+
+
 def above_noise(plant: DrivePlant, fit: Fitted) -> tuple[str, ...]:
     """A warning of the joints whose error is above the noise of their readings, as it is where an effect is missing, or where a search
     ended beside the best values."""
     loud, rms, noise = _loud(plant, fit)
-    # By its own memory and by its size.
-    found = (structures(replace(fit, residual=fit.residual * shares(plant, fit.weights))) > FORETOLD) & loud & np.isfinite(noise)
+    # By its size, and by its own memory or by a size beyond what the noise of so few readings is known to.
+    remembers = structures(replace(fit, residual=fit.residual * shares(plant, fit.weights))) > FORETOLD
+    with np.errstate(invalid="ignore"):
+        found = (remembers | (np.square(rms / noise) > _surely(len(fit.residual)))) & loud & np.isfinite(noise)
     if not found.any():
         return ()
     robot = plant.robot
@@ -100,7 +112,7 @@ def above_noise(plant: DrivePlant, fit: Fitted) -> tuple[str, ...]:
     )
     text = (
         f"the error of simulated position is above the noise of the readings: {told}. The model lacks an effect, or the search ended beside"
-        " the best values, as it may where a joint goes over the top. `ident diagnose` looks for effects; further logs, or constants that"
-        " are given as numbers, help a search."
+        " the best values, as it may where a joint goes over the top; values may then be further off than their standard deviations say."
+        " `ident diagnose` looks for effects; further logs, or constants that are given as numbers, help a search."
     )
     return (text,)

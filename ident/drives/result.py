@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from .._utils.structured import read_json
 from ..errors import ConfigurationError
 from ..estimate.io import model_to_dict
 from ..estimate.saved import model_from_dict
+from ..logs.runs import whole_runs
 from .begun import begun
 from .commands import DriveLog
 from .determined import Determination, Standing
@@ -26,7 +27,7 @@ from .text import summary
 from .unknowns import CONSTANTS, Unknown, unknowns
 
 if TYPE_CHECKING:
-    from ..logs.log import LogSet
+    from ..logs.log import Log, LogSet
     from ..model import Model
 
 Array = np.ndarray
@@ -73,14 +74,30 @@ class DriveFit(ShortRepr):
     def simulated(self, logs: Sequence[DriveLog]) -> list[Array]:
         """Position (N, n) in each log, open loop from the first sample; what the integral of a drive begins with is, as position and speed
         are, that of the log."""
+        return self._positions(logs, {u.name: float(v) for u, v in zip(self.unknowns, self.values, strict=True) if not u.log})
+
+    def _positions(self, logs: Sequence[DriveLog], known: Mapping[str, float]) -> list[Array]:
+        """The same with unknowns by name; what integrals begin with is read off the log where it is not among them."""
         plant = DrivePlant(self.model, self.law, tuple(logs))
-        known = {u.name: float(v) for u, v in zip(self.unknowns, self.values, strict=True) if not u.log}
-        values = begun(plant, np.array([np.nan if u.log else known[u.name] for u in plant.unknowns]))
+        values = begun(plant, np.array([known.get(u.name, np.nan) for u in plant.unknowns]))
         return [found[0] for found in plant.positions(values)]
 
-    def with_heldout(self, logs: LogSet) -> DriveFit:
-        """The same with its error on logs that no fit saw."""
-        errors = self.replay(logs)
+    def replay_after(self, logs: Iterable[Log], before: Iterable[Log]) -> dict[str, Array]:
+        """Simulated less measured position (N, n) by log. What is a later part of a run of which the fit had the beginning (`before`) is
+        simulated on from there: where it begins, commands from before it are still under way, and its speed is not known."""
+        every = dict(zip(self.names, map(float, self.values), strict=True))
+        shared = {u.name: every[u.name] for u in self.unknowns if not u.log}
+        out: dict[str, Array] = {}
+        for run, rows in whole_runs(logs, before):
+            seen = DriveLog.of(run, self.model.robot, self.law)
+            (found,) = self._positions((seen,), every if len(run) > sum(at.stop - at.start for at in rows.values()) else shared)
+            kept = np.flatnonzero(seen.kept)
+            out |= {name: (found - seen.q)[(kept >= at.start) & (kept < at.stop)] for name, at in rows.items()}
+        return {log.name: out[log.name] for log in logs}
+
+    def with_heldout(self, logs: LogSet, before: Iterable[Log] = ()) -> DriveFit:
+        """The same with its error on logs that no fit saw, which may be later parts of those `before`, to which it was fitted."""
+        errors = self.replay_after(logs, before)
         whole = np.concatenate(list(errors.values()))
         by_log = {name: np.sqrt(np.mean(e**2, axis=0)) for name, e in errors.items()}
         return replace(self, heldout_rms=np.sqrt(np.mean(whole**2, axis=0)), heldout_logs=by_log)

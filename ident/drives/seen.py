@@ -47,7 +47,7 @@ def seen_in(log: DriveLog, law: DriveLaw) -> CommandsSeen:
     """Look at one log."""
     law = law.for_log(log.name)
     step = np.diff(log.t)
-    sent = log.tau_ff if law.kind == "voltage" else log.q_cmd
+    sent = log.tau_ff if law.kind == "voltage" else log.q_cmd if law.sends_positions else log.dq_cmd
     moving = np.abs(np.diff(sent, axis=0)) > 0
     started = np.maximum.accumulate(moving, axis=0)
     still = float(np.mean(~moving[started])) if started.any() else 1.0
@@ -56,7 +56,7 @@ def seen_in(log: DriveLog, law: DriveLaw) -> CommandsSeen:
     # A repeated reading between two that move.
     between = fast[:-2] & fast[2:]
     repeated = float(np.mean(change[1:-1][between] == 0.0)) if between.any() else 0.0
-    asked = np.abs(sent if law.kind == "voltage" else law.constants["kp"] * (sent - log.q) + law.constants["kd"] * log.dq_cmd)
+    asked = np.abs(sent if law.kind == "voltage" else law.constants["kp"] * (log.q_cmd - log.q) + law.constants["kd"] * log.dq_cmd)
     limit = law.constants["effort_limit"]
     known = np.isfinite(asked).all() and not np.isnan(limit).any() and not (law.integrates | law.droops).any()
     known = known and not (law.constants["command_lag_s"].any() or law.deadbands.any())

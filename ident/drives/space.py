@@ -22,6 +22,10 @@ _SLOWEST = 0.1
 _FOLLOWS = 0.6
 #: Slow answers to a command, as shares of it, that no drive of the joint itself gives: against it, or far more than it.
 _AGAINST, _BEYOND = -0.1, 2.0
+#: A command in degrees beside a position in radians, within the precision of a slow answer.
+_DEGREES, _ABOUT = 180.0 / np.pi, 1.5
+#: Errors of following fall to this share, multiplied, where commands are exchanged: a joint follows its own better than another's.
+_BETTER = 0.5
 #: Joints of crossed axes that are no further from each other (m) are often moved by a pair of motors together.
 _NEAR = 0.08
 #: Samples at least.
@@ -37,7 +41,9 @@ def foreign_commands(log: DriveLog, robot: Robot) -> tuple[int, ...]:
     """Joints whose commands are not their positions, and those at one place with such a joint."""
     with np.errstate(invalid="ignore"):
         answer = answers(log)
-        found = (answer < _AGAINST) | (answer > _BEYOND)
+        turning = np.array([not joint.prismatic for joint in robot.joints])
+        degrees = turning & (np.abs(np.log(np.maximum(answer * _DEGREES, 1e-9))) < np.log(_ABOUT))
+        found = (answer < _AGAINST) | (answer > _BEYOND) | degrees
     wider = found.copy()
     for child in range(robot.n):
         parent = int(robot.tree.parent[child])
@@ -57,6 +63,7 @@ def drive_logs(logs: Iterable[Log], robot: Robot, law: DriveLaw) -> tuple[DriveL
 def require_joint_commands(logs: Sequence[DriveLog], robot: Robot) -> None:
     """Raises DataError where a log's commands are in another space than its positions: every number would be wrong."""
     for log in logs:
+        _require_own_commands(log, robot)
         joints = foreign_commands(log, robot)
         if joints:
             answer = answers(log)
@@ -64,9 +71,30 @@ def require_joint_commands(logs: Sequence[DriveLog], robot: Robot) -> None:
             raise DataError(
                 f"log {log.name}: the commands of joint {', '.join(robot.joint_names[j] for j in joints)} do not match its"
                 f" position (slow motion of {robot.joint_names[worst]} is {answer[worst]:.2g} times that of q_cmd{worst + 1}): they may be"
-                " commands of motors behind a linkage or before their gears, or have the opposite sign. Log joint commands, or lock the"
-                " joints ([robot] locked)."
+                " commands of motors behind a linkage or before their gears, in other units (degrees), or have the opposite sign. Log joint"
+                " commands, name their unit in the column (q_cmd1_deg), or lock the joints ([robot] locked)."
             )
+
+
+def _require_own_commands(log: DriveLog, robot: Robot) -> None:
+    """Raises DataError where joints follow each other's commands, and not their own."""
+    from scipy.optimize import linear_sum_assignment
+
+    every = np.all(log.enabled > 0, axis=1)
+    if np.count_nonzero(every) < _FEW:
+        return
+    q, sent = log.q[every], log.q_cmd[every]
+    error = np.std(q[:, :, None] - sent[:, None, :], axis=0)
+    _, of = linear_sum_assignment(np.log(np.maximum(error, 1e-12)))
+    own = np.diag(error)
+    better = error[np.arange(robot.n), of] / np.maximum(own, 1e-12)
+    moved = np.flatnonzero(of != np.arange(robot.n))
+    if np.all(better[moved] < 1.0) and np.prod(better[moved]) < _BETTER:
+        told = ", ".join(f"{robot.joint_names[j]} follows q_cmd{of[j] + 1} ({robot.joint_names[of[j]]})" for j in moved)
+        raise DataError(
+            f"log {log.name}: commands are exchanged: {told}, within {max(error[j, of[j]] for j in moved):.2g} (rms), but its own only"
+            f" within {min(own[j] for j in moved):.2g}. Rename the columns of commands or of positions."
+        )
 
 
 def _on(enabled: Array) -> slice:

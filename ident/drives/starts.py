@@ -35,7 +35,7 @@ _SPRING_HZ = 12.0
 def starts(plant: DrivePlant) -> tuple[Array, Array]:
     """Starts (S, p) and usual sizes (p,) of the unknowns."""
     inertia = moved_inertia(plant)
-    unknown_gain = any(plant.law.unknown(key) for key in ("kp", "torque_scale"))
+    unknown_gain = any(plant.law.unknown(key) for key in plant.law.scales)
     loops: tuple[float, ...] = _LOADS if plant.law.kind == "voltage" else _LOOPS_HZ
     loops = loops if unknown_gain else (5.0,)
     delays = _DELAYS if plant.law.unknown("delay_s") else (0.0,)
@@ -74,14 +74,14 @@ def _start(
     """Values and sizes (p,)."""
     logs = plant.logs
     # What is commanded while the torque is off moves nothing, and says nothing of the drive.
-    error = np.sqrt(np.mean(np.concatenate([log.enabled * (log.q_cmd - log.q) for log in logs]) ** 2, axis=0)) + 1e-6
+    error = np.sqrt(np.mean(np.concatenate([log.enabled * _error(plant, log) for log in logs]) ** 2, axis=0)) + 1e-6
     driven = np.any([np.any(log.enabled > 0, axis=0) for log in logs], axis=0)
     rate = np.sqrt(np.mean(np.concatenate([np.gradient(log.q, log.t, axis=0) for log in logs]) ** 2, axis=0)) + 1e-6
     spread = np.std(np.concatenate([log.q for log in logs]), axis=0)
     volts = np.mean([log.supply.mean(axis=0) for log in logs if log.supply is not None] or [np.ones(plant.robot.n)], axis=0)
-    gains = np.array([plant.law.for_log(log.name).constants["kp"] for log in logs])
+    gains = np.array([plant.law.for_log(log.name).constants[plant.law.gain] for log in logs])
     known = np.where(np.isnan(gains).all(axis=0), np.nan, np.nan_to_num(gains).sum(axis=0) / np.maximum(1, np.isfinite(gains).sum(axis=0)))
-    stiff = inertia * (2 * np.pi * hz) ** 2
+    stiff = inertia * (2 * np.pi * hz) ** (2 if plant.law.sends_positions else 1)
     stiff = np.where(np.isnan(known) | plant.law.in_volts, stiff, known)
     sent = plant.law.kind == "voltage"
     torque, scale = stiff * error, stiff / np.where(np.isnan(known) | sent, 1.0, known) / volts
@@ -103,6 +103,8 @@ def _start(
         "deadband": 0.2 * error,
         "no_load_speed": 3.0 * rate,
     }  # fmt: skip
+    if plant.law.gain == "kd":
+        guess["kd"] = stiff
     if plant.law.kind == "pwm" and np.isnan(known).any():
         guess["kp"] = np.full(plant.robot.n, 5.0)
     nominal = plant.robot.nominal
@@ -118,6 +120,11 @@ def _start(
             of = guess[unknown.place]
             values.append(float(of.mean() if unknown.joint < 0 else of[unknown.joint]) / unknown.factor)
     return np.array(values), np.maximum(np.abs(values), least)
+
+
+def _error(plant: DrivePlant, log: DriveLog) -> Array:
+    """(N, n) what a drive's gain amplifies: error of position, or of speed where it is sent speeds."""
+    return log.q_cmd - log.q if plant.law.sends_positions else log.dq_cmd - np.gradient(log.q, log.t, axis=0)
 
 
 def _taken(plant: DrivePlant, inertia: Array, rate: Array, spread: Array) -> Array:

@@ -62,7 +62,8 @@ _OF_DUTY = ("kp", "kd", "effort_limit", "ki", "integral_start")
 class Unknown:
     """One unknown number. `place`: what it is in the simulation ("link": a base parameter of the links); `joint`: index, -1 for all;
     `column`: of a parameter of the model, its index among all; `lower`: bound; `expression`: what is grouped in it; `log`: the only log
-    that it is of, "" for all; `factor`: what its joint has for one of it, which stands on the motor's side of gears."""
+    that it is of, "" for all; `factor`: what its joint has for one of it, which stands on the motor's side of gears; `scale`: whether all
+    torque of the drive is in proportion to it."""
 
     name: str
     unit: str
@@ -74,6 +75,7 @@ class Unknown:
     effect: str = ""
     log: str = ""
     factor: float = 1.0
+    scale: bool = False
 
 
 def unknowns(model: Model, law: DriveLaw, starts: Sequence[tuple[str, int]] = ()) -> tuple[Unknown, ...]:
@@ -90,17 +92,18 @@ def unknowns(model: Model, law: DriveLaw, starts: Sequence[tuple[str, int]] = ()
             continue
         at = np.flatnonzero(np.isnan(law.constants[key]) & _asked(law, key))
         unit = _UNITS.get(law.kind, {}).get(key, unit)
+        scale = key in law.scales
         if key in law.shared and len(at):
             found.append(Unknown(symbol, unit, key, -1, effect="drive"))
             continue
-        found += [Unknown(f"{symbol}_{robot.joint_names[j]}", unit, key, int(j), effect="drive") for j in at]
+        found += [Unknown(f"{symbol}_{robot.joint_names[j]}", unit, key, int(j), effect="drive", scale=scale) for j in at]
     if not found:
         raise ConfigurationError("nothing to identify: no effect is declared, and every constant of the drive law is known.")
     return tuple(found)
 
 
 def follows_torque(unknown: Unknown, scale: str = "kp") -> bool:
-    """Whether a number grows with all torque of its joint, of which `scale` ("kp", "torque_scale") is the measure."""
+    """Whether a number grows with all torque of its joint, of which `scale` ("kp", "kd", "torque_scale") is the measure."""
     if scale == "torque_scale":
         return unknown.place == scale or unknown.place not in (*_APART, *_OF_DUTY)
     return unknown.place not in _APART

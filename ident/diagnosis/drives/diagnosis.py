@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._utils.threads import with_one_blas_thread
-from ...drives.fit import result_of, scale_of_gains
+from ...drives.fit import notes_of, result_of, scale_of_gains
 from ...drives.plant import DrivePlant
 from ...drives.residual import FORETOLD, left_over, require_motion
 from ...drives.search import fitted
@@ -74,9 +74,9 @@ def diagnose_drives(
     before, after = (result_of(stage.plant, stage.fit, stage.sizes, logs.inputs) for stage in (first, now))
     left = left_over(now.plant, now.fit)
     if held is not None:
-        before, after = before.with_heldout(held), after.with_heldout(held)
+        before, after = before.with_heldout(held, logs), after.with_heldout(held, logs)
     told = tuple(one.text(model.robot.joint_names[one.joint]) for one in unexplained(now.plant, now.fit))
-    warnings = (*scale_of_gains(now.plant), *told)
+    warnings = (*scale_of_gains(now.plant), *notes_of(now.plant), *told)
     return DriveDiagnosis(_verdict(findings, left), tuple(findings), left, before, after, warnings)
 
 
