@@ -22,6 +22,8 @@ _DELAYS = (0.3, 1.5)
 _LAGS_S = (2e-3, 2e-2)
 #: Integral times kp / ki (s) from which unknown gains of integrals are guessed.
 _INTEGRAL_S = (0.3, 3.0)
+#: Limits of torque, as shares of the largest that is asked for but for a few readings (a quantile), from which unknown ones are guessed.
+_REACHED, _MOST = (0.8, 0.4), 0.995
 #: An expected value may be off by so many times its size.
 _DOUBT = 3.0
 #: Swings with the torque off are of about this frequency (Hz).
@@ -41,7 +43,9 @@ def starts(plant: DrivePlant) -> tuple[Array, Array]:
     delays = _DELAYS if plant.law.unknown("delay_s") else (0.0,)
     times = _INTEGRAL_S if plant.law.unknown("ki") else _INTEGRAL_S[:1]
     lags = _LAGS_S if plant.law.unknown("command_lag_s") else _LAGS_S[:1]
-    found, large = np.swapaxes([_start(plant, inertia, *one) for one in product(loops, _FRICTION, delays, times, lags)], 0, 1)
+    reached = _REACHED if plant.law.unknown("effort_limit") else _REACHED[:1]
+    options = product(loops, _FRICTION, delays, times, lags, reached)
+    found, large = np.swapaxes([_start(plant, inertia, *one) for one in options], 0, 1)
     sizes = np.maximum(np.min(large, axis=0), 1e-3 * np.max(large, axis=0))
     return found, np.maximum(sizes, 1e-9)
 
@@ -69,7 +73,7 @@ def moved_inertia(plant: DrivePlant) -> Array:
 
 
 def _start(
-    plant: DrivePlant, inertia: Array, hz: float, friction: float, late: float, integral_s: float, lag: float
+    plant: DrivePlant, inertia: Array, hz: float, friction: float, late: float, integral_s: float, lag: float, reached: float
 ) -> tuple[Array, Array]:  # fmt: skip
     """Values and sizes (p,)."""
     logs = plant.logs
@@ -98,7 +102,7 @@ def _start(
         "joint_stiffness": inertia * (2 * np.pi * _SPRING_HZ) ** 2, "joint_damping": 0.02 * inertia * 2 * np.pi * _SPRING_HZ,
         "feed_forward": np.ones(plant.robot.n), "excess": 0.3 * friction * torque, "kp": stiff, "kd": 0.3 * 2 * inertia * 2 * np.pi * hz,
         "delay_s": np.full(plant.robot.n, max(late * logs[0].period, 1e-3)),
-        "effort_limit": 0.9 * np.maximum(torque / scale if sent else torque, 1e-3) * 3,
+        "effort_limit": reached * np.maximum(largest_asked(plant, stiff), 1e-3),
         "torque_scale": scale, "back_emf": friction * torque / rate, "ki": stiff / integral_s, "command_lag_s": np.full(plant.robot.n, lag),
         "deadband": 0.2 * error,
         "no_load_speed": 3.0 * rate,
@@ -120,6 +124,16 @@ def _start(
             of = guess[unknown.place]
             values.append(float(of.mean() if unknown.joint < 0 else of[unknown.joint]) / unknown.factor)
     return np.array(values), np.maximum(np.abs(values), least)
+
+
+def largest_asked(plant: DrivePlant, stiff: Array) -> Array:
+    """The most (n,) that drives are asked for, but for a few readings: N m, V, or a share of full voltage; `stiff` (n,): of their gain."""
+    if plant.law.kind == "voltage":
+        sizes = [np.abs(log.enabled * log.tau_ff) for log in plant.logs]
+    else:
+        sizes = [np.abs(log.enabled * (stiff * _error(plant, log) + log.tau_ff)) for log in plant.logs]
+    most = np.max([np.quantile(size, _MOST, axis=0) for size in sizes], axis=0)
+    return np.asarray(np.minimum(most, 1.0) if plant.law.kind == "pwm" else most)
 
 
 def _error(plant: DrivePlant, log: DriveLog) -> Array:

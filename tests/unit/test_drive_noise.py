@@ -63,9 +63,20 @@ def test_the_joint_that_is_above_the_noise_is_named():
     assert not above_noise(*leg_fit(np.zeros((2000, 2))))
 
 
-def test_noise_that_remembers_nothing_is_no_lack_of_fit():
-    """Readings that are noisier than they look at high frequencies: a residual without memory is none of a model."""
-    assert not above_noise(*leg_fit(2e-3 * np.random.default_rng(2).standard_normal((2000, 2))))
+def test_an_error_without_memory_is_told_by_its_size():
+    """Rarely sampled, a model's error is as good as white; what is more than the white noise of the readings is none of theirs."""
+    rng = np.random.default_rng(2)
+    assert not above_noise(*leg_fit(1e-4 * rng.standard_normal((2000, 2))))
+    assert "hip 4" in above_noise(*leg_fit(2e-3 * rng.standard_normal((2000, 2))))[0]
+
+
+def test_of_few_readings_an_error_has_to_be_larger():
+    """The fewer there are, the less is known of their noise."""
+    rng = np.random.default_rng(3)
+    many, few = (2.5e-4 * rng.standard_normal((count, 2)) for count in (20000, 100))
+    assert not above_noise(*leg_fit(few))
+    assert above_noise(*leg_fit(4.0 * many))
+    assert above_noise(*leg_fit(10.0 * few))
 
 
 def test_a_residual_within_the_noise_is_no_lack_of_fit():

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...drives.law import DriveLaw, VelocityCommand
+from ...drives.law import SHARED, DriveLaw, VelocityCommand
 from ...drives.plant import DrivePlant
-from ...drives.starts import starts
+from ...drives.starts import largest_asked, starts
 from ...drives.unknowns import CONSTANTS
 from ...effects.registry import make_effect
 
@@ -22,7 +22,7 @@ _EFFECTS = {
 #: Names of what is found where a constant of the law is not as declared.
 _CONSTANTS = {
     "kp": "kp", "kd": "kd", "delay_s": "delay", "gear_loss": "gear_loss", "joint_stiffness": "joint_elasticity",
-    "feed_forward": "feed_forward", "ki": "ki", "deadband": "deadband",
+    "feed_forward": "feed_forward", "ki": "ki", "deadband": "deadband", "effort_limit": "effort_limit",
 }  # fmt: skip
 #: Stribeck velocities that are looked at, as shares of a joint's usual speed.
 _SLOW = (0.1, 0.4)
@@ -30,13 +30,15 @@ _SLOW = (0.1, 0.4)
 _SPRINGS_HZ = (4.0, 7.0, 12.0, 20.0)
 #: Damping of such a spring as a share of the critical.
 _DAMPED = 0.02
+#: Limits of the drives' torque that are looked at, as shares of the largest that the commands ask for.
+_LIMITS = (0.8, 0.5)
 #: What may be smaller than declared.
 _EITHER_WAY = ("offset", "kp", "kd", "delay_s", "feed_forward", "ki")
 
 
 @dataclass(frozen=True)
 class DriveCandidate:
-    """One thing that may be missing: `name` of the effect, its `place` in the simulation, further configuration (`v_s`, `hz`)."""
+    """One thing that may be missing: `name` of the effect, its `place` in the simulation, further configuration (`v_s`, `hz`, `share`)."""
 
     name: str
     place: str
@@ -45,17 +47,24 @@ class DriveCandidate:
     @property
     def either_way(self) -> bool:
         """Whether it may be smaller than declared, too."""
-        return self.place in _EITHER_WAY
+        return self.place in _EITHER_WAY or (self.place == "effort_limit" and not self.settings)
+
+    @property
+    def far(self) -> bool:
+        """Whether it is looked at from a number of its own, because nothing shows near what is declared: a spring is stiff there, and a
+        limit out of reach."""
+        return "hz" in self.settings or "share" in self.settings
 
     def added_to(self, plant: DrivePlant, joints: Sequence[int]) -> DrivePlant:
         """The plant with it on these joints, to be identified."""
         law, model = plant.law, plant.model
         if self.place in law.constants:
             constants = {key: values.copy() for key, values in law.constants.items()}
-            constants[self.place][list(joints)] = np.nan
+            # A delay is one number for all joints.
+            constants[self.place][slice(None) if self.place in SHARED else list(joints)] = np.nan
             if self.place == "joint_stiffness":
                 constants["joint_damping"][list(joints)] = np.nan
-            shared = law.shared | ({"delay_s"} if self.place == "delay_s" else set())
+            shared = law.shared | ({self.place} if self.place in SHARED else set())
             return replace(plant, law=replace(law, constants=constants, shared=shared))
         names = tuple(plant.robot.joint_names[j] for j in joints)
         settings = {"v_s": self.settings["v_s"]} if "v_s" in self.settings else {}
@@ -86,6 +95,10 @@ def candidates(plant: DrivePlant) -> Iterator[DriveCandidate]:
             if plant.law.links_known and place not in by_log and np.isinf(law.constants[place]).any() and "rotor_inertia" in declared:
                 yield from (DriveCandidate(name, place, {"hz": hz}) for hz in _SPRINGS_HZ)
             continue
+        if place == "effort_limit" and not law.in_volts and not any(np.isnan(law.constants[key]).any() for key in ("kp", "kd", place)):
+            yield from (DriveCandidate(name, place, {"share": share}) for share in _LIMITS)
+            if not np.isfinite(law.constants[place]).all():
+                continue
         if place in law.fixed or place in by_log or np.isnan(law.constants[place]).any():
             continue
         if place == "feed_forward" and not any(np.any(log.tau_ff) for log in plant.logs):
@@ -128,6 +141,8 @@ def values_in(wider: DrivePlant, plant: DrivePlant, values: Array, candidate: Dr
         own[i] = True
         if unknown.place in ("joint_stiffness", "joint_damping"):
             at[i] = _spring(unknown.place, float(inertia[unknown.joint]), candidate.settings["hz"])
+        elif "share" in candidate.settings:
+            at[i] = candidate.settings["share"] * float(largest_asked(plant, plant.law.constants[plant.law.gain])[unknown.joint])
         elif unknown.place in CONSTANTS:
             at[i] = candidate.declared(plant.law, max(unknown.joint, 0))
     return at, np.maximum(sizes, 1e-3 * np.abs(at)), own

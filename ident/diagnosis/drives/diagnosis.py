@@ -20,17 +20,19 @@ from ...drives.stretches import shares, steadied, unexplained
 from ..verdict import Verdict
 from .candidates import same_motion
 from .result import DriveDiagnosis, DriveFinding, DriveRival
+from .revision import Accepted, from_afar, needed
 from .screening import Screened, screened
 from .trials import Stage, believed, settled, tried
 
 if TYPE_CHECKING:
     from ...drives.law import DriveLaw
+    from ...drives.result import DriveFit
     from ...logs.log import LogSet
     from ...model import Model
 
 Array = np.ndarray
-#: Findings at most, and candidates that are tried for each.
-_FINDINGS, _FITTED = 3, 8
+#: Findings at most, candidates that are tried for each, and rounds in which one is found, since others may go as needless.
+_FINDINGS, _FITTED, _ROUNDS = 3, 8, 6
 #: Squared standard deviations below which one model is as good as another.
 _ALIKE = 9.0
 
@@ -62,16 +64,18 @@ def diagnose_drives(
     # Stretches in which something else happened count the less throughout: nothing is found by what it makes of a contact.
     first = now = Stage(plant, steadied(plant, fitted(plant, at, sizes, progress=progress), sizes), sizes)
     inertia = moved_inertia(plant)
-    findings: list[DriveFinding] = []
-    while len(findings) < _FINDINGS:
+    accepted: list[Accepted] = []
+    for _ in range(_ROUNDS):
         quick = now.quickened()
         found = [tried(quick, one, inertia) for one in screened(quick.plant, quick.fit, inertia)[:_FITTED]]
         better = believed(quick, [one for one in found if one is not None])
-        if not better:
+        if not better or len(accepted) == _FINDINGS:
             break
-        finding, now = _decided(now, [settled(quick, one, stage, plant.step, inertia) for one, stage in better])
-        findings.append(finding)
+        ends = [settled(quick, one, stage, plant.step, inertia) for one, stage in better]
+        new, now = _decided(now, [(one, from_afar(now, one, stage)) for one, stage in ends])
+        accepted, now = needed(plant, now, [*accepted, new])
     before, after = (result_of(stage.plant, stage.fit, stage.sizes, logs.inputs) for stage in (first, now))
+    findings = [_in_the_end(one.finding, after) for one in accepted]
     left = left_over(now.plant, now.fit)
     if held is not None:
         before, after = before.with_heldout(held, logs), after.with_heldout(held, logs)
@@ -80,7 +84,7 @@ def diagnose_drives(
     return DriveDiagnosis(_verdict(findings, left), tuple(findings), left, before, after, warnings)
 
 
-def _decided(now: Stage, found: list[tuple[Screened, Stage]]) -> tuple[DriveFinding, Stage]:
+def _decided(now: Stage, found: list[tuple[Screened, Stage]]) -> tuple[Accepted, Stage]:
     """The best of them, with those that explain as much."""
     found = sorted(found, key=lambda pair: pair[1].fit.cost)
     (one, stage), others = found[0], found[1:]
@@ -94,22 +98,28 @@ def _decided(now: Stage, found: list[tuple[Screened, Stage]]) -> tuple[DriveFind
         for (other, _), odd, far in zip(others, odds, behind, strict=True)
         if far < _ALIKE
     )
-    fit = result_of(plant, stage.fit, stage.sizes)
     before = {u.name for u in now.plant.unknowns}
-    new = [i for i, u in enumerate(plant.unknowns) if u.name not in before]
-    doubts = doubtful_sizes(plant.unknowns, fit.values, fit.covariance)
-    std = [np.inf if i in doubts else float(np.sqrt(fit.covariance[i, i])) for i in new]
-    values = tuple((plant.unknowns[i].name, float(fit.values[i]), s, plant.unknowns[i].unit) for i, s in zip(new, std, strict=True))
+    values = tuple(
+        (u.name, float(v), np.inf, u.unit) for u, v in zip(plant.unknowns, stage.fit.values, strict=True) if u.name not in before
+    )
     declared = None
     if one.candidate.place in now.plant.law.constants and one.candidate.either_way:
         declared = tuple(one.candidate.declared(now.plant.law, j) for j in one.joints)
     joints = tuple(plant.robot.joint_names) if one.candidate.place == "delay_s" else _names(plant, one)
-    no_size = tuple(text for i, text in doubts.items() if i in new)
-    least = tuple(float(plant.unknowns[i].lower) for i in new)
-    finding = DriveFinding(one.candidate.name, joints, values, declared, one.gain, confidence, rivals, no_size, least)
+    least = tuple(float(u.lower) for u in plant.unknowns if u.name not in before)
+    finding = DriveFinding(one.candidate.name, joints, values, declared, one.gain, confidence, rivals, (), least)
     share = shares(plant, stage.fit.weights)
     rms = np.sqrt(np.sum(np.square(stage.fit.residual * share), axis=0) / np.maximum(np.sum(share**2, axis=0), 1))
-    return finding, replace(stage, fit=replace(stage.fit, weights=share / np.maximum(rms, 1e-12)))
+    return Accepted(one, finding), replace(stage, fit=replace(stage.fit, weights=share / np.maximum(rms, 1e-12)))
+
+
+def _in_the_end(finding: DriveFinding, after: DriveFit) -> DriveFinding:
+    """A finding with its values beside all that was found later."""
+    doubts = doubtful_sizes(after.unknowns, after.values, after.covariance)
+    at = [after.names.index(name) for name, *_ in finding.values]
+    std = [np.inf if i in doubts else float(np.sqrt(after.covariance[i, i])) for i in at]
+    values = tuple((after.names[i], float(after.values[i]), s, after.unknowns[i].unit) for i, s in zip(at, std, strict=True))
+    return replace(finding, values=values, no_size=tuple(text for i, text in doubts.items() if i in at))
 
 
 def _names(plant: DrivePlant, one: Screened) -> tuple[str, ...]:

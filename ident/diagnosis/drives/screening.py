@@ -19,7 +19,7 @@ Array = np.ndarray
 #: where a constant is far off, what one step leaves is no noise, and its size in standard deviations says little. What takes less off than
 #: the last is none.
 SIGNIFICANT, _GAIN, LEAST = 4.5, 0.02, 0.01
-_DOUBTED = ("kp", "kd", "delay_s", "load", "gear_loss")
+_DOUBTED = ("kp", "kd", "delay_s", "load", "gear_loss", "effort_limit")
 #: Share of a direction that the fitted unknowns must leave over, for it to be one of its own.
 _OWN = 1e-4
 
@@ -93,10 +93,11 @@ def screened(plant: DrivePlant, fit: Fitted, inertia: Array) -> list[Screened]:
     )  # fmt: skip
     found = []
     offered = list(candidates(plant))
-    springs = _springs(plant, fit.values, [one for one in offered if one.place == "joint_stiffness"], inertia)
+    far = [one for one in offered if one.far]
+    distant = _distant(plant, fit.values, far, inertia)
     for candidate in offered:
-        if candidate.place == "joint_stiffness":
-            steps, columns = springs[candidate.settings["hz"]]
+        if candidate.far:
+            steps, columns = distant[far.index(candidate)]
         else:
             steps, columns = _columns(plant, fit.values, candidate, inertia)
         columns, own = base.without(columns * weights[:, None])
@@ -125,20 +126,26 @@ def _columns(plant: DrivePlant, values: Array, candidate: DriveCandidate, inerti
     return [max(wider.unknowns[i].joint, 0) for i in mine], derivatives(wider, at, sizes, mine).reshape(-1, len(mine))
 
 
-def _springs(
-    plant: DrivePlant, values: Array, springs: list[DriveCandidate], inertia: Array
-) -> dict[float, tuple[list[int], Array]]:  # fmt: skip
-    """Resonance of a spring → joints that have none yet, and what it changes on each (M, k)."""
-    if not springs:
-        return {}
-    rigid = [int(j) for j in np.flatnonzero(np.isinf(plant.law.constants["joint_stiffness"]))]
+def _distant(
+    plant: DrivePlant, values: Array, far: list[DriveCandidate], inertia: Array
+) -> list[tuple[list[int], Array]]:  # fmt: skip
+    """Of each candidate that starts from a number of its own: joints, and what it changes on each (M, k)."""
+    if not far:
+        return []
     (plain,) = joined(plant.positions(values))
-    columns = np.empty((len(springs), plain.size, len(rigid)))
-    for k, j in enumerate(rigid):
-        wider = springs[0].added_to(plant, [j])
-        sets = np.stack([values_in(wider, plant, values, one, inertia)[0] for one in springs])
-        columns[..., k] = np.nan_to_num(joined(wider.positions(sets)) - plain).reshape(len(springs), -1)
-    return {one.settings["hz"]: (rigid, own) for one, own in zip(springs, columns, strict=True)}
+    out: list[tuple[list[int], Array]] = [([], plain)] * len(far)
+    for place in dict.fromkeys(one.place for one in far):
+        at = [i for i, one in enumerate(far) if one.place == place]
+        own = [far[i] for i in at]
+        joints = [j for j in range(plant.robot.n) if place != "joint_stiffness" or np.isinf(plant.law.constants[place][j])]
+        columns = np.empty((len(own), plain.size, len(joints)))
+        for k, j in enumerate(joints):
+            wider = own[0].added_to(plant, [j])
+            sets = np.stack([values_in(wider, plant, values, one, inertia)[0] for one in own])
+            columns[..., k] = np.nan_to_num(joined(wider.positions(sets)) - plain).reshape(len(own), -1)
+        for i, changed in zip(at, columns, strict=True):
+            out[i] = (joints, changed)
+    return out
 
 
 def _best_settings(found: list[Screened]) -> list[Screened]:

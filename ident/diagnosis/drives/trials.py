@@ -18,7 +18,7 @@ from .screening import LEAST, SIGNIFICANT, Screened
 
 Array = np.ndarray
 #: Steps of a search that decides.
-_STEPS = 30
+STEPS = 30
 #: Share of the squared residual by which larger steps of time may change it, and the largest.
 _UNCHANGED, _LARGEST = 1e-2, 2.5e-3
 #: Share of the squared error that says more than its size in standard deviations, where what is left is no noise.
@@ -70,11 +70,15 @@ def tried(stage: Stage, one: Screened, inertia: Array) -> tuple[Screened, Stage]
         after = _with(stage, one, inertia)
         counts = _counting(stage, one, after, _quick)
         if len(counts) == len(one.joints):
-            gain = stage.fit.cost - after.fit.cost
-            gained = np.isfinite(gain) and (gain > SIGNIFICANT**2 * after.spread or gain > _LARGE * stage.fit.cost)
-            return (one, after) if gained else None
+            return (one, after) if gained(stage, after) else None
         one = replace(one, joints=counts)
     return None
+
+
+def gained(stage: Stage, after: Stage) -> bool:
+    """Whether a model with more in it, fitted with the weights of the one without, is better by more than chance."""
+    gain = stage.fit.cost - after.fit.cost
+    return bool(np.isfinite(gain) and (gain > SIGNIFICANT**2 * after.spread or gain > _LARGE * stage.fit.cost))
 
 
 def _with(stage: Stage, one: Screened, inertia: Array) -> Stage:
@@ -97,7 +101,10 @@ def _counting(stage: Stage, one: Screened, after: Stage, deviations: Callable[[S
     if place == "joint_stiffness" or len(one.joints) == 1 or len(at) != len(one.joints) or not np.isfinite(after.fit.cost):
         return one.joints
     declared = np.array([one.candidate.declared(stage.plant.law, j) for j in one.joints])
-    far = np.abs(after.fit.values[at] - declared) > _COUNTS * deviations(after)[at]
+    std = deviations(after)[at]
+    # A limit that was none is one where it is reached, so that its value is known.
+    none = np.where(np.any(after.fit.slopes[..., at] != 0.0, axis=(0, 1)), 0.0, after.fit.values[at])
+    far = np.abs(after.fit.values[at] - np.where(np.isfinite(declared), declared, none)) > _COUNTS * std
     return tuple(j for j, counts in zip(one.joints, far, strict=True) if counts)
 
 
@@ -136,7 +143,7 @@ def settled(stage: Stage, one: Screened, after: Stage, step: float, inertia: Arr
     `stage`: without it; `after`: with it."""
     while True:
         plant = replace(after.plant, step=step)
-        after = replace(after, plant=plant, fit=refitted(plant, after.fit.values, after.sizes, after.fit.weights, steps=_STEPS))
+        after = replace(after, plant=plant, fit=refitted(plant, after.fit.values, after.sizes, after.fit.weights, steps=STEPS))
         counts = _counting(stage, one, after, _final)
         if not counts or len(counts) == len(one.joints):
             return one, after
