@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rigid_models import needs_native
 
 import ident
 from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
@@ -14,6 +15,8 @@ from benchmarks.actuators.servos import URDF, recorded, servo
 from ident.cli import main
 from ident.diagnosis.drives import diagnose_drives
 from ident.diagnosis.drives.candidates import DriveCandidate, same_motion, values_in
+from ident.diagnosis.drives.result import DriveFinding
+from ident.diagnosis.drives.revision import Accepted, needed
 from ident.diagnosis.drives.screening import Screened
 from ident.diagnosis.drives.trials import Stage, settled
 from ident.drives import DriveLaw
@@ -184,3 +187,71 @@ def test_a_gain_of_duty_beside_its_limit(scale, kd, others):
     log = ident.Log("run", t=t, q=still, extra={"q_cmd1": still[:, 0], "supply1_V": still[:, 0] + 7.0})
     wider = one.added_to(DrivePlant(robot.rigid_body(), law, drive_logs(LogSet((log,)), robot, law)), [0])
     assert same_motion(one, (0,), law, wider, np.ones(len(wider.unknowns))) == others
+
+
+def leg_diagnosed(truth, seed, ticks=0, **declared):
+    """A leg of two joints, whose log may be in ticks of an encoder (a turn)."""
+    robot = ident.Robot.from_urdf(LEG)
+    log = commanded_log(robot, {**SOFT, **truth}, seed=seed, seconds=4.0, before=1.0, noise=1e-4 if ticks else 5e-4)
+    if ticks:
+        log = replace(log, q=2 * np.pi / ticks * np.round(log.q * ticks / (2 * np.pi)))
+    model = robot.rigid_body()
+    for name in EFFECTS:
+        model = model + ident.make_effect(name)
+    law = DriveLaw.of(robot, **{"kp": [25.0, 20.0], "kd": 0.8, "delay_s": 0.01, **declared})
+    return LogSet((log,)), model, law
+
+
+SOFT = {"Ia": [0.012, 0.01], "Fv": 0.1, "Fc": [0.3, 0.2], "offset": 0.05, "kp": [25.0, 20.0], "kd": 0.8, "delay": 0.01}
+
+
+@needs_native
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_delay_is_that_of_all_joints(seed):
+    """Twice the declared one, in ticks: nothing stands beside it, and what is left are ticks."""
+    found = diagnose_drives(*leg_diagnosed({"delay": 0.02}, seed, ticks=4096))
+    (finding,) = found.findings
+    assert (finding.effect, finding.joints, str(found.verdict)) == ("delay", ("hip", "knee"), "explained")
+    assert finding.values[0][1] == pytest.approx(0.02, abs=2e-4)
+    assert np.all(found.after.fit_rms < 6e-4)
+
+
+@needs_native
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_limit_that_nobody_declared(seed):
+    """Its size, and only where it is reached."""
+    found = diagnose_drives(*leg_diagnosed({"limit": [4.0, 50.0]}, seed))
+    (finding,) = found.findings
+    assert (finding.effect, finding.joints, str(found.verdict)) == ("effort_limit", ("hip",), "explained")
+    assert finding.values[0][1] == pytest.approx(4.0, rel=0.005)
+    assert finding.declared is None
+
+
+@needs_native
+def test_a_limit_that_is_another_than_declared():
+    found = diagnose_drives(*leg_diagnosed({"limit": [4.0, 3.0]}, 0, effort_limit=[6.0, 3.0]))
+    (finding,) = found.findings
+    assert (finding.effect, finding.joints) == ("effort_limit", ("hip",))
+    assert finding.values[0][1] == pytest.approx(4.0, rel=0.005)
+
+
+@needs_native
+def test_what_stood_in_for_a_later_finding_goes():
+    """Friction that follows the load, found first, is none once the delay is there."""
+    logs, model, law = leg_diagnosed({"delay": 0.02}, 0)
+    declared = DrivePlant(model, law, drive_logs(logs, model.robot, law))
+    loss, late = DriveCandidate("gear_loss", "gear_loss"), DriveCandidate("delay", "delay_s")
+    plant = late.added_to(loss.added_to(declared, [0, 1]), [0, 1])
+    at, sizes = starts(plant)
+    now = Stage(plant, fitted(plant, at, sizes), sizes)
+    told = [DriveFinding(one.name, (), (), None, 0.5, 1.0, ()) for one in (loss, late)]
+    accepted = [Accepted(Screened(one, (0, 1), np.zeros(2), 0.5), text) for one, text in zip((loss, late), told, strict=True)]
+    kept, after = needed(declared, now, accepted)
+    assert [one.one.candidate.name for one in kept] == ["delay"]
+    assert "Fm_hip" not in {u.name for u in after.plant.unknowns}
+    assert after.fit.cost == pytest.approx(now.fit.cost, rel=0.05)
+    # What is there stays.
+    logs, model, law = leg_diagnosed({"delay": 0.02, "limit": 4.0}, 0)
+    declared = DrivePlant(model, law, drive_logs(logs, model.robot, law))
+    found = diagnose_drives(logs, model, law)
+    assert {finding.effect for finding in found.findings} == {"delay", "effort_limit"}

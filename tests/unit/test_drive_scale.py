@@ -77,3 +77,31 @@ def test_the_rounding_of_an_encoder_is_nothing_that_is_left() -> None:
     ticks = replace(log, q=tick * np.round(log.q / tick))
     found = diagnose_drives(LogSet((ticks,)), model_of(robot), DriveLaw.of(robot, kp=25.0, kd=0.8, delay_s=0.006))
     assert (found.verdict, found.findings) == ("clean", ())
+
+
+VELOCITY = {"Ia": 0.02, "Fv": 0.1, "Fc": 0.2, "kp": 0.0, "kd": 2.0, "delay": 0.006}
+
+
+def velocity_fit(robot: ident.Robot) -> DriveFit:
+    """A drive that is sent speeds, its gain unknown."""
+    log = commanded_log(robot, VELOCITY, seed=0, seconds=6.0, rate=200, before=1.0, speed_command=True)
+    return fit_drives(LogSet((log,)), model_of(robot), DriveLaw.of(robot, "pd_velocity", kd="identify"))
+
+
+def test_the_gain_of_a_drive_that_is_sent_speeds() -> None:
+    fit = velocity_fit(ident.Robot.from_urdf(PENDULUM))
+    for symbol, share in (("kd", 0.002), ("Ia", 0.01), ("Fv", 0.01), ("Fc", 0.02)):
+        assert fit.value(f"{symbol}_joint1") == pytest.approx(VELOCITY[symbol], rel=share)
+    assert fit.value("delay") == pytest.approx(0.006, abs=1e-4)
+    assert set(fit.determination.verdicts) == {Standing.DETERMINED}
+
+
+def test_without_weight_it_is_the_scale(turntable: ident.Robot) -> None:
+    """Friction over kd, and rotor less what stands beside it, with the log that would tell kd."""
+    fit = velocity_fit(turntable)
+    assert not [u.name for u, v in zip(fit.unknowns, fit.determination.verdicts, strict=True) if v == Standing.DETERMINED and u.joint >= 0]
+    told = {one.expression: one for one in fit.determination.combinations}
+    assert told["Fv_joint1 / kd_joint1"].value == pytest.approx(0.05, rel=0.01)
+    assert told["Fc_joint1 / kd_joint1"].value == pytest.approx(0.1, rel=0.02)
+    assert all("kd from the drive's settings, a log with a known mass" in one.separated_by for one in told.values())
+    assert any("known gain" in text for text in fit.warnings)
