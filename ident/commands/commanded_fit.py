@@ -35,16 +35,16 @@ def fit_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
         out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
     if out.json:
         out.result(fit.to_dict())
-    _keep(fit, held, out)
+    _keep(fit, held, logs, out)
     return 0 if fit.settled else 1
 
 
-def _keep(fit: DriveFit, shown: LogSet, out: Output) -> None:
+def _keep(fit: DriveFit, shown: LogSet, fitted: LogSet, out: Output) -> None:
     """The fit, its text, and the report with the motion of the first log in `shown`."""
     with out.together() as folder:
         if folder is not None:
             fit.save(folder / "fit.json")
             out.keep("fit.txt", fit.summary() + "\n")
-            keep_report(folder, out, drive_report(fit, shown))
+            keep_report(folder, out, drive_report(fit, shown, fitted))
     if out.folder is not None:
         out.note(f"saved {out.folder / 'fit.json'}, report")

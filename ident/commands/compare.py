@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     warnings = (
         [] if same else ["the fits have different transmissions: each is compared with the torque mapped through its own transmission."]
     )
-    warnings += [text for text in dict.fromkeys(seen_by(fit, signals.inputs) for fit in (before, after)) if text]
+    warnings += [text for text in dict.fromkeys(seen_by(fit.inputs, signals.inputs) for fit in (before, after)) if text]
     out.say(found)
     for warning in warnings:
         out.say(f"warning: {warning}")

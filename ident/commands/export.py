@@ -6,14 +6,11 @@ import argparse
 from pathlib import Path
 
 from .._utils.json import result
-from .._utils.structured import read_json
-from ..drives import DriveFit
-from ..drives.result import is_drive_fit
-from ..estimate.estimate import Estimate
 from ..exporting.export import export
 from ..exporting.target import target_types
 from ..logs.reading import read_logs
 from .common import Output, add_output_arguments
+from .saved_fit import saved_fit
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     out = Output(args)
-    fit = saved(args.fit)
+    fit = saved_fit(args.fit)
     logs = None if args.log is None else read_logs(args.log, fit.model.robot)
     written = export(
         fit,
@@ -48,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
         urdf=args.urdf,
         allow_inconsistent=args.allow_inconsistent,
         logs=logs,
-        units=[saved(unit) for unit in args.units or ()],
+        units=[saved_fit(unit) for unit in args.units or ()],
         samples=args.samples,
         seed=args.seed,
         supply=args.supply,
@@ -57,8 +54,3 @@ def run(args: argparse.Namespace) -> int:
     out.say(written.text())
     out.result(result("ident.export/1", written.to_dict(), inputs=fit.inputs, warnings=written.notes), "export")
     return 0
-
-
-def saved(path: str) -> Estimate | DriveFit:
-    """A saved fit of either kind."""
-    return DriveFit.load(path) if is_drive_fit(read_json(Path(path), "fit")) else Estimate.load(path)

@@ -10,14 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 from .._utils.json import result
 from .._utils.text import wrapped
+from ..drives import DriveFit
 from ..errors import ConfigurationError, UnsupportedError
-from ..estimate.estimate import Estimate
 from ..evaluation.doubts import seen_by
 from ..evaluation.validation import validate
+from ..logs.reading import read_logs
 from ..reporting import report_of
 from ..study.study import Study, read_study
+from .commanded import asks_for_simulation
+from .commanded_validation import validate_drive_fit, validate_under_law
 from .common import Output, add_output_arguments, add_study_arguments, not_negative, read_as_asked, refuse_beside_fit, study_from
 from .kept_report import keep_report
+from .saved_fit import saved_fit
 from .streaming import add_streaming_arguments, session_from, signals_from
 
 if TYPE_CHECKING:
@@ -41,7 +45,10 @@ def run(args: argparse.Namespace) -> int:
     out = Output(args)
     if args.fit:
         return _of_saved(args, out)
-    with session_from(args, study_from(args), out, "fitting") as session:
+    study = study_from(args)
+    if asks_for_simulation(study):
+        return validate_under_law(study, args, out)
+    with session_from(args, study, out, "fitting") as session:
         return _told(session.validation(simulate=not args.no_replay), session.inputs, args, out, "")
 
 
@@ -66,14 +73,16 @@ def _told(validation: Validation, inputs: Iterable[Mapping[str, Any]], args: arg
 
 def _of_saved(args: argparse.Namespace, out: Output) -> int:
     refuse_beside_fit(args, "method")
-    estimate = Estimate.load(args.fit)
+    saved = saved_fit(args.fit)
     study = read_study(Path(args.study)) if args.study else Study()
     study = study.with_flags(logs=args.log or (), validate=args.validate or ())
     if not (study.logs.validate or study.logs.fit):
         raise ConfigurationError("no log to validate on; pass one with --validate FILE or --log FILE, or in a study file.")
     files = [*map(str, study.validation_files())] or [*map(str, study.fit_files())]
     study = read_as_asked(study, args)
+    if isinstance(saved, DriveFit):
+        return validate_drive_fit(saved, read_logs(files, saved.model.robot, study.columns or None, **study.reading()), args, out)
     study = replace(study, logs=replace(study.logs, fit=tuple(files), validate=()))
-    with signals_from(args, study, out, estimate) as signals:
-        validation = validate(estimate, signals, simulate=not args.no_replay)
-        return _told(validation, (*estimate.inputs, *signals.inputs), args, out, seen_by(estimate, signals.inputs))
+    with signals_from(args, study, out, saved) as signals:
+        validation = validate(saved, signals, simulate=not args.no_replay)
+        return _told(validation, (*saved.inputs, *signals.inputs), args, out, seen_by(saved.inputs, signals.inputs))

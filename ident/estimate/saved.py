@@ -36,6 +36,11 @@ def load(kind: type[_E], path: Path) -> _E:
     if path.is_dir() and (path / "fit.json").is_file():  # the folder of `ident fit --out`
         path = path / "fit.json"
     data = read_json(path, "fit")
+    if isinstance(data, dict) and "drive_state" in data:
+        raise ConfigurationError(
+            f"fit {path}: is a fit under a drive law, to commands and positions; this needs one to measured torque."
+            " `ident validate --fit`, `ident export` and `ident report` take it."
+        )
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or "state" not in data:
         raise ConfigurationError(
             f"fit {path}: is not a saved fit ({SCHEMA} with its state). Write one with `ident fit --out DIR` or Estimate.save."

@@ -57,10 +57,9 @@ def fitted_as_well(fitted: Iterable[Mapping[str, Any]], held: Iterable[Mapping[s
     return f"{', '.join(again)} is used for the fit and for validation: the held-out error is computed on data that the fit has seen."
 
 
-def seen_by(estimate: Estimate, logs: Iterable[Mapping[str, Any]]) -> str:
-    """A sentence on whole logs (path and SHA-256) that an estimate was fitted to, and that are to judge it; "" where there are none."""
-    fitted = [one for one in estimate.inputs if one.get("use") != HELD_OUT]
-    known = {one["sha256"] for one in fitted if one.get("sha256")}
+def seen_by(fitted: Iterable[Mapping[str, Any]], logs: Iterable[Mapping[str, Any]]) -> str:
+    """A sentence on whole logs (path and SHA-256) among the inputs of a fit that are to judge it; "" where there are none."""
+    known = {one["sha256"] for one in fitted if one.get("use") != HELD_OUT and one.get("sha256")}
     again = dict.fromkeys(str(one["path"]) for one in logs if one.get("sha256") in known)
     if not again:
         return ""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,25 +13,31 @@ from ..drawing.document import BlockKind, Figure, Layer, Panel, Report, Role, Se
 from ..drives.commands import DriveLog
 from ..errors import IdentError
 from ..exporting.rollout import mujoco_rollout
+from ..logs.runs import whole_runs
 
 if TYPE_CHECKING:
     from ..drives.result import DriveFit
-    from ..logs.log import LogSet
+    from ..logs.log import Log, LogSet
 
 Array = np.ndarray
 #: Panels and points of a line at most.
 _SHOWN_JOINTS, _POINTS = 6, 1500
 
 
-def drive_report(fit: DriveFit, logs: LogSet) -> Report:
+def drive_report(fit: DriveFit, logs: LogSet, before: Iterable[Log] = ()) -> Report:
     """What was found, and the motion of the first of `logs`: measured, simulated, and rolled out by MuJoCo where it is installed and the
-    exported file takes what the log holds."""
+    exported file takes what the log holds. A later part of a run of `before` is simulated from the run's beginning on."""
     robot = fit.model.robot
-    log = DriveLog.of(next(iter(logs)), robot, fit.law)
-    (ours,) = fit.simulated((log,))
+    first = next(iter(logs))
+    (run, rows), *_ = whole_runs((first,), before)
+    whole = DriveLog.of(run, robot, fit.law)
+    kept = np.flatnonzero(whole.kept)
+    at = (kept >= rows[first.name].start) & (kept < rows[first.name].stop)
+    log = replace(whole, name=first.name, t=whole.t[at], q=whole.q[at])
+    ours = log.q + fit.replay_after((first,), before)[first.name]
     theirs, why = None, ""
     try:
-        theirs = mujoco_rollout(fit, log)
+        theirs = mujoco_rollout(fit, whole)[at]
     except IdentError as error:
         why = f"Not rolled out by MuJoCo: {error}"
     sections: list[Section] = [Text("What the logs determine", tuple(fit.summary().splitlines()))]
@@ -56,7 +64,7 @@ def _table(fit: DriveFit, log: DriveLog, ours: Array, theirs: Array | None) -> T
         apart = ("–", "–") if theirs is None else (rms(theirs - log.q, j, scale), rms(theirs - ours, j, scale))
         rows.append((fit.model.robot.joint_names[j], unit, rms(log.q - log.q.mean(axis=0), j, scale), rms(ours - log.q, j, scale), *apart))
     head = ("joint", "unit", "motion", "our replay", "MuJoCo", "MuJoCo from ours")
-    note = f"Rms over log {log.name}, open loop from its first sample under the logged commands."
+    note = f"Rms over log {log.name}, open loop from the first sample of its run under the logged commands."
     return Table("Error of simulated position", head, tuple(rows), note, left=2)
 
 
@@ -73,5 +81,5 @@ def _figure(fit: DriveFit, log: DriveLog, ours: Array, theirs: Array | None) -> 
         scale, unit = units[int(j)]
         layers = tuple(Layer.of(BlockKind.LINE, role, log.t[thin], scale * x[thin, int(j)], label=label) for role, x, label in lines)
         panels.append(Panel(fit.model.robot.joint_names[int(j)], "time (s)", f"position ({unit})", layers))
-    caption = f"Log {log.name}: open loop from its first sample under the logged commands."
+    caption = f"Log {log.name}: open loop from the first sample of its run under the logged commands."
     return Figure("commanded", "Measured, our replay, and MuJoCo", caption, tuple(panels), columns=1)
