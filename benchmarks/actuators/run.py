@@ -145,7 +145,7 @@ def fitted(case: Case) -> tuple[DriveFit, int]:
     # What is chosen between is fitted to all readings alike, as they are counted in the choice.
     chosen = 0 if len(found) == 1 else best([held_out(*one) for one in found])
     plant, fit, sizes = found[chosen]
-    return finished(plant, steadied(plant, fit, sizes), sizes, train.inputs).with_heldout(held), chosen
+    return finished(plant, steadied(plant, fit, sizes), sizes, train.inputs).with_heldout(held, train), chosen
 
 
 def _narrower(found: Sequence[tuple[DrivePlant, Fitted, np.ndarray]], plant: DrivePlant, sizes: np.ndarray) -> np.ndarray | None:
