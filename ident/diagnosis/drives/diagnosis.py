@@ -72,7 +72,7 @@ def diagnose_drives(
         if not better or len(accepted) == _FINDINGS:
             break
         ends = [settled(quick, one, stage, plant.step, inertia) for one, stage in better]
-        new, now = _decided(now, [(one, from_afar(now, one, stage)) for one, stage in ends])
+        new, now = _decided(now, from_afar(now, ends))
         accepted, now = needed(plant, now, [*accepted, new])
     before, after = (result_of(stage.plant, stage.fit, stage.sizes, logs.inputs) for stage in (first, now))
     findings = [_in_the_end(one.finding, after) for one in accepted]

@@ -22,11 +22,15 @@ class Accepted:
     finding: DriveFinding
 
 
-def from_afar(stage: Stage, one: Screened, after: Stage) -> Stage:
-    """The model with a candidate, sought from every start of a fit and not only from where the model without it has ended: what is missing
-    bends the other unknowns, and the minimum next to bent ones may leave a part of it. `stage`: without it; `after`: as found so far."""
-    if left_over(after.plant, after.fit) <= FORETOLD:
-        return after
+def from_afar(stage: Stage, ends: list[tuple[Screened, Stage]]) -> list[tuple[Screened, Stage]]:
+    """Models with a candidate each, sought from every start of a fit, where none of them leaves noise: what is missing bends the other
+    unknowns, and the minimum next to bent ones may leave a part of it. `stage`: without any."""
+    if any(left_over(after.plant, after.fit) <= FORETOLD for _, after in ends):
+        return ends
+    return [(one, _from_afar(stage, after)) for one, after in ends]
+
+
+def _from_afar(stage: Stage, after: Stage) -> Stage:
     ends = fitted(after.plant, *starts(after.plant), narrower=after.fit.values[None])
     found = refitted(after.plant, ends.values, after.sizes, stage.fit.weights, steps=STEPS)
     return Stage(after.plant, found, after.sizes) if found.cost < after.fit.cost else after
