@@ -10,6 +10,7 @@ import numpy as np
 
 from .._utils.threads import with_one_blas_thread
 from .determined import determination
+from .limits import without_unreached
 from .plant import DrivePlant
 from .profile import delay_profiles
 from .residual import above_noise, require_motion
@@ -82,7 +83,7 @@ def fit_drives(
     plant = DrivePlant(model, law, drive_logs(logs, robot, law))
     require_motion(plant)
     at, sizes = starts(plant)
-    found = steadied(plant, fitted(plant, at, sizes, progress=progress), sizes)
+    found = without_unreached(plant, steadied(plant, fitted(plant, at, sizes, progress=progress), sizes), sizes)
     fit = finished(plant, found, sizes, logs.inputs)
     return fit if held is None else fit.with_heldout(held, logs)
 

@@ -72,9 +72,11 @@ def require_motion(plant: DrivePlant) -> None:
         )
 
 
-def left_over(plant: DrivePlant, fit: Fitted) -> float:
-    """`structure` of the joints whose error is above the noise of their readings, rounding to ticks included; 0 where none is."""
-    return float(np.max(structures(fit), where=_loud(plant, fit)[0], initial=0.0))
+def left_over(plant: DrivePlant, fit: Fitted, share: Array | float = 1.0) -> float:
+    """`structure` of the joints whose error is above the noise of their readings, rounding to ticks included; 0 where none is. `share`
+    (N, n): what each reading counts."""
+    counted = replace(fit, residual=fit.residual * share)
+    return float(np.max(structures(counted), where=_loud(plant, fit)[0], initial=0.0))
 
 
 def _loud(plant: DrivePlant, fit: Fitted) -> tuple[Array, Array, Array]:

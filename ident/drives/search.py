@@ -21,6 +21,8 @@ _NEAR = 1e-3
 _RESCALED = 6
 #: While residuals count in units of the motion, not of their own size, what is expected counts so little.
 _COARSE = 1e-3
+#: Times as many steps lead to the end, where all of them are small.
+_LAST = 3
 #: So many starts are followed for a few steps.
 _FOLLOWED, _SHORT = 3, 6
 #: Where a joint comes to rest makes valleys of their own: from the best end of a single joint, which is simulated in no time, dry friction
@@ -50,6 +52,16 @@ class Fitted:
     def cost(self) -> float:
         """Sum of weighted squares."""
         return float(np.sum(np.square(self.residual * self.weights)))
+
+    @property
+    def spread(self) -> float:
+        """Variance of the weighted residual, as large as its memory makes it count."""
+        r = self.residual * self.weights
+        count = max(int(np.count_nonzero(self.weights)) - len(self.values), 1)
+        own: Array = np.sum(r * r, axis=0)
+        ahead: Array = np.sum(r[1:] * r[:-1], axis=0) / np.maximum(own, 1e-300)
+        share = float(np.clip(ahead, 0.0, 0.99).max())
+        return float(np.sum(own)) / count * (1.0 + share) / (1.0 - share)
 
 
 def fitted(
@@ -90,7 +102,7 @@ def fitted(
     values = min(ends, key=lambda end: end[1])[0]
     rms = rms_by_log(plant, search.residual(values), fresh)
     search = replace(search, weights=fresh / np.maximum(rms, 1e-3 * spread), near=1.0).fine()
-    values, _, settled, used = search.run(values, steps)
+    values, _, settled, used = search.run(values, _LAST * steps)
     if progress is not None:
         progress(1.0)
     values, residual, slopes = search.precise().ended(values)
@@ -143,12 +155,14 @@ def _hops(search: SimulatedSearch, values: Array) -> list[Array]:
 
 
 def refitted(plant: DrivePlant, values: Array, sizes: Array, weights: Array, *, steps: int = 15) -> Fitted:
-    """From near values (p,) on, with weights (N, n) that stay: costs of several models are then of one kind."""
+    """From near values (p,) on, with weights (N, n) that stay, as a fit ends: costs of several models are then of one kind."""
     measured = np.concatenate([log.q for log in plant.logs])
     search = SimulatedSearch(plant, measured, sizes, weights, *expected(plant))
-    values, _, settled, used = search.run(values, steps)
-    residual, slopes = search.linear(values, central=True)
-    return Fitted(values, residual, slopes, weights, settled, used)
+    values, _, _, before = search.run(values, steps)
+    fine = search.fine()
+    values, _, settled, used = fine.run(values, steps)
+    values, residual, slopes = fine.precise().ended(values)
+    return Fitted(values, residual, slopes, weights, settled, before + used)
 
 
 def followed(

@@ -60,7 +60,8 @@ def unexplained(plant: DrivePlant, fit: Fitted) -> tuple[LogStretch, ...]:
     found: list[LogStretch] = []
     for own in _stretches(plant, fit):
         log = plant.logs[own.log]
-        light = own.share < 1.0 - 1e-9
+        # What another fit left there may be explained by now.
+        light = (own.share < 1.0 - 1e-9) & own.far
         for k in np.flatnonzero(light):
             t = log.t[own.number == k]
             start, stop, size = float(t[0]), float(t[-1]), float(own.times[k])

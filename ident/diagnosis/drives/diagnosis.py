@@ -20,7 +20,7 @@ from ...drives.stretches import shares, steadied, unexplained
 from ..verdict import Verdict
 from .candidates import same_motion
 from .result import DriveDiagnosis, DriveFinding, DriveRival
-from .revision import Accepted, from_afar, needed
+from .revision import ALIKE, Accepted, from_afar, needed, reweighed, with_rivals
 from .screening import Screened, screened
 from .trials import Stage, believed, settled, tried
 
@@ -33,8 +33,11 @@ if TYPE_CHECKING:
 Array = np.ndarray
 #: Findings at most, candidates that are tried for each, and rounds in which one is found, since others may go as needless.
 _FINDINGS, _FITTED, _ROUNDS = 3, 8, 6
-#: Squared standard deviations below which one model is as good as another.
-_ALIKE = 9.0
+#: What is said of findings that make the error larger where they were not sought.
+_WORSE = (
+    "the error of simulated position on held-out data is larger with what was found than without: it describes the fitted data and holds no"
+    " further; its cause is another one."
+)
 
 
 @with_one_blas_thread
@@ -71,17 +74,30 @@ def diagnose_drives(
         better = believed(quick, [one for one in found if one is not None])
         if not better or len(accepted) == _FINDINGS:
             break
-        ends = [settled(quick, one, stage, plant.step, inertia) for one, stage in better]
+        ends = [end for one, stage in better if (end := settled(quick, one, stage, plant.step, inertia)) is not None]
+        if not ends:
+            break
         new, now = _decided(now, from_afar(now, ends))
         accepted, now = needed(plant, now, [*accepted, new])
+        if new not in accepted:
+            break
     before, after = (result_of(stage.plant, stage.fit, stage.sizes, logs.inputs) for stage in (first, now))
-    findings = [_in_the_end(one.finding, after) for one in accepted]
-    left = left_over(now.plant, now.fit)
+    findings = [_in_the_end(one.finding, after) for one in with_rivals(plant, now, accepted, inertia)]
+    left, rest = left_over(now.plant, now.fit), left_over(now.plant, now.fit, shares(now.plant, now.fit.weights))
     if held is not None:
         before, after = before.with_heldout(held, logs), after.with_heldout(held, logs)
+    worse = bool(findings) and _worse(before, after)
     told = tuple(one.text(model.robot.joint_names[one.joint]) for one in unexplained(now.plant, now.fit))
     warnings = (*scale_of_gains(now.plant), *notes_of(now.plant), *told)
-    return DriveDiagnosis(_verdict(findings, left), tuple(findings), left, before, after, warnings)
+    verdict = Verdict.UNEXPLAINED if worse else _verdict(findings, left)
+    return DriveDiagnosis(verdict, tuple(findings), left, before, after, (*warnings, *([_WORSE] if worse else [])), rest)
+
+
+def _worse(before: DriveFit, after: DriveFit) -> bool:
+    """Whether data held out contradict what was found: their error is larger with it, in units of each joint's own without it."""
+    if before.heldout_rms is None or after.heldout_rms is None:
+        return False
+    return bool(np.mean(np.square(after.heldout_rms / np.maximum(before.heldout_rms, 1e-12))) > 1.0 + FORETOLD)
 
 
 def _decided(now: Stage, found: list[tuple[Screened, Stage]]) -> tuple[Accepted, Stage]:
@@ -89,14 +105,13 @@ def _decided(now: Stage, found: list[tuple[Screened, Stage]]) -> tuple[Accepted,
     found = sorted(found, key=lambda pair: pair[1].fit.cost)
     (one, stage), others = found[0], found[1:]
     plant = stage.plant
-    behind = np.array([(other[1].fit.cost - stage.fit.cost) / stage.spread for other in others])
+    behind = np.array([(other[1].fit.cost - stage.fit.cost) / stage.fit.spread for other in others])
     odds = np.exp(-0.5 * np.minimum(behind, 1e3))
     same = same_motion(one.candidate, one.joints, now.plant.law, plant, stage.fit.values)
     confidence = 1.0 / (1.0 + len(same) + float(odds.sum()))
+    alike = [(other, float(odd)) for (other, _), odd, far in zip(others, odds, behind, strict=True) if far < ALIKE]
     rivals = tuple(DriveRival(name, _names(plant, one), confidence) for name in same) + tuple(
-        DriveRival(other.candidate.name, _names(plant, other), float(odd) * confidence)
-        for (other, _), odd, far in zip(others, odds, behind, strict=True)
-        if far < _ALIKE
+        DriveRival(other.candidate.name, _names(plant, other), odd * confidence) for other, odd in alike if other.candidate.name not in same
     )
     before = {u.name for u in now.plant.unknowns}
     values = tuple(
@@ -108,9 +123,7 @@ def _decided(now: Stage, found: list[tuple[Screened, Stage]]) -> tuple[Accepted,
     joints = tuple(plant.robot.joint_names) if one.candidate.place == "delay_s" else _names(plant, one)
     least = tuple(float(u.lower) for u in plant.unknowns if u.name not in before)
     finding = DriveFinding(one.candidate.name, joints, values, declared, one.gain, confidence, rivals, (), least)
-    share = shares(plant, stage.fit.weights)
-    rms = np.sqrt(np.sum(np.square(stage.fit.residual * share), axis=0) / np.maximum(np.sum(share**2, axis=0), 1))
-    return Accepted(one, finding), replace(stage, fit=replace(stage.fit, weights=share / np.maximum(rms, 1e-12)))
+    return Accepted(one, finding, tuple(other for other, _ in alike)), reweighed(stage)
 
 
 def _in_the_end(finding: DriveFinding, after: DriveFit) -> DriveFinding:

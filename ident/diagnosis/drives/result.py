@@ -10,6 +10,7 @@ import numpy as np
 from ..._utils.json import jsonable, result
 from ..._utils.text import wrapped
 from ...drives.combinations import SHARE
+from ...drives.residual import FORETOLD
 from ...drives.result import DriveFit
 from ..verdict import Verdict
 
@@ -65,8 +66,8 @@ class DriveFinding:
 
 @dataclass(frozen=True, eq=False)
 class DriveDiagnosis:
-    """Verdict, findings, the fit as declared and with the findings; `left`: share of the last residual that its own past predicts.
-    `warnings`: whose scale unknown gains have, and stretches of the logs that count the less, because something else happened there."""
+    """Verdict, findings, the fit as declared and with the findings; `left`: share of the last residual that its own past predicts, `rest`
+    the same without what the stretches show that count the less; `warnings`: whose scale unknown gains have, and those stretches."""
 
     verdict: Verdict
     findings: tuple[DriveFinding, ...]
@@ -74,12 +75,15 @@ class DriveDiagnosis:
     before: DriveFit
     after: DriveFit
     warnings: tuple[str, ...] = ()
+    rest: float = 0.0
 
     def summary(self) -> str:
         """Verdict, findings, error before and after."""
         lines = [f"{self.verdict}: " + _MEANS[self.verdict]]
         lines += [wrapped(f"- {finding.text()}") for finding in self.findings]
-        if self.verdict == Verdict.UNEXPLAINED:
+        if self.left > FORETOLD >= self.rest:
+            lines.append("unexplained: the stretches that are named below, and nothing else")
+        elif self.verdict == Verdict.UNEXPLAINED and self.left > FORETOLD:
             lines.append(
                 wrapped(
                     f"unexplained: {self.left:.0%} of the squared error is predictable from earlier samples, and no candidate explains it"

@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from ...drives.plant import DrivePlant
 from ...drives.residual import FORETOLD, left_over
 from ...drives.search import fitted, refitted
 from ...drives.starts import starts
+from ...drives.stretches import shares, steadied
 from .result import DriveFinding
 from .screening import Screened
-from .trials import STEPS, Stage, gained
+from .trials import STEPS, Stage, gained, with_candidate
+
+Array = np.ndarray
+#: Squared standard deviations below which one model is as good as another.
+ALIKE = 9.0
 
 
 @dataclass(frozen=True, eq=False)
 class Accepted:
-    """A finding, with the candidate that it is of."""
+    """A finding, with the candidate that it is of, and those that explained as much when it was found."""
 
     one: Screened
     finding: DriveFinding
+    rivals: tuple[Screened, ...] = ()
 
 
 def from_afar(stage: Stage, ends: list[tuple[Screened, Stage]]) -> list[tuple[Screened, Stage]]:
@@ -33,19 +41,53 @@ def from_afar(stage: Stage, ends: list[tuple[Screened, Stage]]) -> list[tuple[Sc
 def _from_afar(stage: Stage, after: Stage) -> Stage:
     ends = fitted(after.plant, *starts(after.plant), narrower=after.fit.values[None])
     found = refitted(after.plant, ends.values, after.sizes, stage.fit.weights, steps=STEPS)
-    return Stage(after.plant, found, after.sizes) if found.cost < after.fit.cost else after
+    better = np.sum(np.log(np.maximum(found.rms, 1e-12))) < np.sum(np.log(np.maximum(after.fit.rms, 1e-12)))
+    return Stage(after.plant, found, after.sizes) if better else after
+
+
+def reweighed(stage: Stage) -> Stage:
+    """The same model with weights of its own errors, joint by joint, to which it is fitted: those of the model without what was found were
+    small where that was, and leave the others' noise to be fitted with it. So were those of stretches that it explains."""
+    plant, sizes, light = stage.plant, stage.sizes, shares(stage.plant, stage.fit.weights)
+    rms = np.sqrt(np.sum(np.square(stage.fit.residual * light), axis=0) / np.maximum(np.sum(light**2, axis=0), 1))
+    counted = (stage.fit.weights > 0) / np.maximum(rms, 1e-12)
+    fit = refitted(plant, stage.fit.values, sizes, counted, steps=STEPS)
+    return replace(stage, fit=steadied(plant, fit, sizes) if np.any((light > 0.0) & (light < 1.0)) else fit)
 
 
 def needed(declared: DrivePlant, now: Stage, accepted: Sequence[Accepted]) -> tuple[list[Accepted], Stage]:
     """Those of the accepted without which the fit is worse by as much as a finding has to gain, in the order in which they were found:
-    what stood in for something that was found later goes. `declared`: the plant without any."""
+    what stood in for something that was found later goes, and what is nothing at the weights of all. `declared`: the plant without any."""
     kept = list(accepted)
-    for one in accepted[:-1]:
+    for one in accepted:
         rest = [other for other in kept if other is not one]
         without = _of(declared, now, rest)
         if not gained(without, now):
             kept, now = rest, without
     return kept, now
+
+
+def with_rivals(declared: DrivePlant, now: Stage, accepted: Sequence[Accepted], inertia: Array) -> list[Accepted]:
+    """The accepted with those of their rivals that still explain as much beside all that was found later. `inertia` (n,): what each joint
+    moves, kg m²."""
+    if len(accepted) < 2:
+        return list(accepted)
+    out, names = [], {one.finding.effect for one in accepted}
+    for one in accepted:
+        tried = [rival for rival in one.rivals if rival.candidate.name not in names]
+        gone = {rival.candidate.name for rival in one.rivals} - {rival.candidate.name for rival in tried}
+        if tried:
+            without = _of(declared, now, [other for other in accepted if other is not one])
+            for rival in tried:
+                beside = with_candidate(without, rival, inertia)
+                found = refitted(beside.plant, beside.fit.values, beside.sizes, now.fit.weights, steps=STEPS)
+                if not found.cost - now.fit.cost < ALIKE * now.fit.spread:
+                    gone.add(rival.candidate.name)
+        left = tuple(rival for rival in one.finding.rivals if rival.effect not in gone)
+        whole = one.finding.confidence + sum(rival.confidence for rival in left)
+        told = replace(one.finding, rivals=left, confidence=one.finding.confidence / max(whole, 1e-300)) if gone else one.finding
+        out.append(replace(one, finding=told))
+    return out
 
 
 def _of(declared: DrivePlant, now: Stage, kept: Sequence[Accepted]) -> Stage:

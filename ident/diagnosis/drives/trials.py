@@ -17,6 +17,8 @@ from .candidates import values_in
 from .screening import LEAST, SIGNIFICANT, Screened
 
 Array = np.ndarray
+#: Fits a plant from where a wider one has ended, of whose unknowns it has some (numbers).
+Refit = Callable[[DrivePlant, "Stage", list[int]], Fitted]
 #: Steps of a search that decides.
 STEPS = 30
 #: Share of the squared residual by which larger steps of time may change it, and the largest.
@@ -39,17 +41,6 @@ class Stage:
     fit: Fitted
     sizes: Array
 
-    @property
-    def spread(self) -> float:
-        """Variance of the weighted residual, as large as its memory makes it count."""
-        weighted = self.fit.residual * self.fit.weights
-        count = max(int(np.count_nonzero(self.fit.weights)) - len(self.fit.values), 1)
-        r = weighted.reshape(-1, weighted.shape[1])
-        own: Array = np.sum(r * r, axis=0)
-        ahead: Array = np.sum(r[1:] * r[:-1], axis=0) / np.maximum(own, 1e-300)
-        share = float(np.clip(ahead, 0.0, 0.99).max())
-        return float(np.sum(own)) / count * (1.0 + share) / (1.0 - share)
-
     def quickened(self) -> Stage:
         """The same in steps of time as large as leave its residual what it is, fitted in these."""
         period = min(log.period for log in self.plant.logs)
@@ -67,8 +58,8 @@ def tried(stage: Stage, one: Screened, inertia: Array) -> tuple[Screened, Stage]
     """The model with a candidate, fitted with the weights of the one without, on those of its joints on which it counts then; None where
     nothing is gained."""
     while one.joints:
-        after = _with(stage, one, inertia)
-        counts = _counting(stage, one, after, _quick)
+        after = with_candidate(stage, one, inertia)
+        counts = _counting(stage, one, after, _quick, _approached)
         if len(counts) == len(one.joints):
             return (one, after) if gained(stage, after) else None
         one = replace(one, joints=counts)
@@ -78,10 +69,10 @@ def tried(stage: Stage, one: Screened, inertia: Array) -> tuple[Screened, Stage]
 def gained(stage: Stage, after: Stage) -> bool:
     """Whether a model with more in it, fitted with the weights of the one without, is better by more than chance."""
     gain = stage.fit.cost - after.fit.cost
-    return bool(np.isfinite(gain) and (gain > SIGNIFICANT**2 * after.spread or gain > _LARGE * stage.fit.cost))
+    return bool(np.isfinite(gain) and (gain > SIGNIFICANT**2 * after.fit.spread or gain > _LARGE * stage.fit.cost))
 
 
-def _with(stage: Stage, one: Screened, inertia: Array) -> Stage:
+def with_candidate(stage: Stage, one: Screened, inertia: Array) -> Stage:
     """The model with a candidate on its joints, fitted."""
     wider = one.candidate.added_to(stage.plant, one.joints)
     at, sizes, own = values_in(wider, stage.plant, stage.fit.values, one.candidate, inertia)
@@ -93,26 +84,44 @@ def _with(stage: Stage, one: Screened, inertia: Array) -> Stage:
     return Stage(wider, found, sizes)
 
 
-def _counting(stage: Stage, one: Screened, after: Stage, deviations: Callable[[Stage], Array]) -> tuple[int, ...]:
-    """The joints on which the candidate differs from what was declared by more than chance; `deviations`: standard ones (p,) of a fit."""
+def _counting(stage: Stage, one: Screened, after: Stage, deviations: Callable[[Stage], Array], refit: Refit) -> tuple[int, ...]:
+    """The joints on which the candidate differs from what was declared by more than chance; `deviations`: standard ones (p,) of a fit;
+    `refit`: how one without it is fitted."""
     place = one.candidate.place
+    if one.candidate.far and place != "joint_stiffness":
+        # Beyond where it is reached a limit may be any: what is none there loses nothing.
+        return tuple(j for j in one.joints if gained(_without(stage, one, after, j, refit), after))
     at = [i for i, u in enumerate(after.plant.unknowns) if u.place == place]
     # A spring has no number to start from, and a number for all joints is one: they count as a whole.
     if place == "joint_stiffness" or len(one.joints) == 1 or len(at) != len(one.joints) or not np.isfinite(after.fit.cost):
         return one.joints
     declared = np.array([one.candidate.declared(stage.plant.law, j) for j in one.joints])
-    std = deviations(after)[at]
-    # A limit that was none is one where it is reached, so that its value is known.
-    none = np.where(np.any(after.fit.slopes[..., at] != 0.0, axis=(0, 1)), 0.0, after.fit.values[at])
-    far = np.abs(after.fit.values[at] - np.where(np.isfinite(declared), declared, none)) > _COUNTS * std
+    far = np.abs(after.fit.values[at] - declared) > _COUNTS * deviations(after)[at]
     return tuple(j for j, counts in zip(one.joints, far, strict=True) if counts)
+
+
+def _without(stage: Stage, one: Screened, after: Stage, joint: int, refit: Refit) -> Stage:
+    """The model with a candidate on its other joints only."""
+    others = [j for j in one.joints if j != joint]
+    plant = one.candidate.added_to(replace(stage.plant, step=after.plant.step), others) if others else stage.plant
+    at = [[u.name for u in after.plant.unknowns].index(u.name) for u in plant.unknowns]
+    return Stage(plant, refit(plant, after, at), after.sizes[at])
+
+
+def _approached(plant: DrivePlant, after: Stage, at: list[int]) -> Fitted:
+    enough = _ENOUGH * after.fit.cost
+    return approached(plant, after.fit.values[at], after.sizes[at], after.fit.weights, after.fit.slopes[..., at], enough=enough)
+
+
+def _refitted(plant: DrivePlant, after: Stage, at: list[int]) -> Fitted:
+    return refitted(plant, after.fit.values[at], after.sizes[at], after.fit.weights, steps=STEPS)
 
 
 def _quick(after: Stage) -> Array:
     """Standard deviations (p,) by the derivatives at hand."""
     J = (after.fit.slopes * after.fit.weights[..., None]).reshape(-1, len(after.fit.values))
     size = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
-    return np.asarray(np.sqrt(after.spread * np.diag(pinv((J / size).T @ (J / size), rcond=1e-10, hermitian=True))) / size)
+    return np.asarray(np.sqrt(after.fit.spread * np.diag(pinv((J / size).T @ (J / size), rcond=1e-10, hermitian=True))) / size)
 
 
 def _final(after: Stage) -> Array:
@@ -136,17 +145,19 @@ def believed(stage: Stage, found: list[tuple[Screened, Stage]]) -> list[tuple[Sc
     return out
 
 
-def settled(stage: Stage, one: Screened, after: Stage, step: float, inertia: Array) -> tuple[Screened, Stage]:
+def settled(stage: Stage, one: Screened, after: Stage, step: float, inertia: Array) -> tuple[Screened, Stage] | None:
     """A candidate fitted to the end, in usual steps of time, with derivatives that intervals can be computed from, on those of its joints
-    on which it counts then: what large steps of time change may seem a difference of a joint that has none.
+    on which it counts then: what large steps of time change may seem a difference of a joint that has none. None where it counts on none.
 
     `stage`: without it; `after`: with it."""
     while True:
         plant = replace(after.plant, step=step)
         after = replace(after, plant=plant, fit=refitted(plant, after.fit.values, after.sizes, after.fit.weights, steps=STEPS))
-        counts = _counting(stage, one, after, _final)
-        if not counts or len(counts) == len(one.joints):
+        counts = _counting(stage, one, after, _final, _refitted)
+        if not counts:
+            return None
+        if len(counts) == len(one.joints):
             return one, after
         one = replace(one, joints=counts)
-        after = _with(stage, one, inertia)
+        after = with_candidate(stage, one, inertia)
         one = next((found for found, _ in believed(stage, [(one, after)])), one)
