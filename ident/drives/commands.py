@@ -13,6 +13,7 @@ import numpy as np
 from .._utils.text import counted
 from ..errors import DataError
 from ..logs.units import split_unit, unit_of
+from .clock import equal_steps
 from .first_state import first_state
 from .law import DriveLaw, SupplyForm, VelocityCommand
 from .turns import joined_turns, of_the_same_turn
@@ -88,9 +89,11 @@ class DriveLog:
                     f" voltage{robot.n}_V, and the log has none. Rename the columns that hold them."
                 )
             columns = {"tau_ff": columns["voltage"], **{k: x for k, x in columns.items() if k == "torque_enable"}}
-        t = log.t[good] - log.t[good][0]
+        t = equal_steps(log.t[good], q[good])
+        unsteady = [] if np.array_equal(t, log.t[good]) else [_unsteady(log.t[good] - t)]
+        t = t - t[0]
         lacking = _missing(log.name, {what: array[good] for what, array in columns.items()}, robot)
-        notes = (*(f"log {log.name}: {said}" for said in turned), *lacking)
+        notes = (*(f"log {log.name}: {said}" for said in (*turned, *unsteady)), *lacking)
         got = {what: _held(array[good]) for what, array in columns.items()}
         none = np.zeros_like(q[good])
         q_cmd = of_the_same_turn(got["q_cmd"], q[good], robot) if "q_cmd" in got else none
@@ -153,6 +156,12 @@ def _missing(name: str, columns: Mapping[str, Array], robot: Robot) -> list[str]
                 f" {longest} of them on end at most; the drive is taken to have gone by the last one before."
             )
     return out
+
+
+def _unsteady(apart: Array) -> str:
+    """A note of stamps that are `apart` (N,) from the equal steps that are taken for them."""
+    rms = 1e3 * float(np.std(apart))
+    return f"times differ from equal steps by {rms:.2g} ms (rms), and positions are smoother along equal ones, which are used."
 
 
 def _longest(flags: Array) -> int:

@@ -255,3 +255,28 @@ def test_what_stood_in_for_a_later_finding_goes():
     declared = DrivePlant(model, law, drive_logs(logs, model.robot, law))
     found = diagnose_drives(logs, model, law)
     assert {finding.effect for finding in found.findings} == {"delay", "effort_limit"}
+
+
+@needs_native
+@pytest.mark.parametrize("seed", [2, 3])
+def test_gain_and_limit_together(seed):
+    """Each with its value, and neither is what the other might have been."""
+    found = diagnose_drives(*leg_diagnosed({"limit": [4.0, 50.0]}, seed, kp=[25.0, 16.0]))
+    told = {(f.effect, f.joints): f.values[0][1] for f in found.findings}
+    assert set(told) == {("effort_limit", ("hip",)), ("kp", ("knee",))}
+    assert told["effort_limit", ("hip",)] == pytest.approx(4.0, rel=0.005)
+    assert told["kp", ("knee",)] == pytest.approx(20.0, rel=0.01)
+    assert str(found.verdict) == "explained"
+    assert np.all(found.after.fit_rms < 5.5e-4)
+    assert not any("unexplained by the model" in text for text in found.warnings)
+
+
+@needs_native
+def test_what_data_held_out_contradict_is_not_explained():
+    """A limit below what the held-out part reaches, say."""
+    logs, model, law = leg_diagnosed({"limit": [4.0, 50.0]}, 0)
+    free, *_ = leg_diagnosed({}, 5)
+    found = diagnose_drives(logs, model, law, held=free)
+    assert found.after.heldout_rms[0] > found.before.heldout_rms[0]
+    assert str(found.verdict) == "unexplained"
+    assert any("held-out data is larger" in text for text in found.warnings)

@@ -19,7 +19,7 @@ Array = np.ndarray
 #: where a constant is far off, what one step leaves is no noise, and its size in standard deviations says little. What takes less off than
 #: the last is none.
 SIGNIFICANT, _GAIN, LEAST = 4.5, 0.02, 0.01
-_DOUBTED = ("kp", "kd", "delay_s", "load", "gear_loss", "effort_limit")
+_DOUBTED = ("kp", "kd", "delay_s", "load", "gear_loss", "effort_limit", "deadband")
 #: Share of a direction that the fitted unknowns must leave over, for it to be one of its own.
 _OWN = 1e-4
 
