@@ -67,7 +67,8 @@ class DriveLog:
     def of(cls, log: Log, robot: Robot, law: DriveLaw) -> DriveLog:
         """From a recorded log. Raises DataError where it lacks what the law needs."""
         law = law.for_log(log.name)
-        q, turned = joined_turns(log.position(robot.transmission), robot)
+        logged = log.position(robot.transmission)
+        q, turned = joined_turns(logged, robot)
         good = np.isfinite(q).all(axis=1)
         columns = commanded(log.extra, robot)
         if law.sends_positions and "q_cmd" not in columns:
@@ -96,7 +97,7 @@ class DriveLog:
         notes = (*(f"log {log.name}: {said}" for said in (*turned, *unsteady)), *lacking)
         got = {what: _held(array[good]) for what, array in columns.items()}
         none = np.zeros_like(q[good])
-        q_cmd = of_the_same_turn(got["q_cmd"], q[good], robot) if "q_cmd" in got else none
+        q_cmd = of_the_same_turn(got["q_cmd"], q[good], robot, logged[good]) if "q_cmd" in got else none
         speed = got.get("dq_cmd", none) if law.velocity_command == VelocityCommand.LOGGED else none
         if law.velocity_command == VelocityCommand.DERIVATIVE:
             speed = np.gradient(q_cmd, t, axis=0)

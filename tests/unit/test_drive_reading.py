@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rigid_models import needs_native
+from scipy.signal import lfilter
 
 import ident
 from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
@@ -81,14 +82,36 @@ def test_positions_and_commands_over_a_full_turn(commands):
     assert fit_drives(LogSet((turned,)), model(robot), law).value("Fc_joint1") == pytest.approx(0.2, rel=0.03)
 
 
-def test_a_step_of_nearly_a_turn_is_one(leg):
+@pytest.mark.parametrize("back", [6.0, 9.0])
+def test_a_step_of_nearly_a_turn_is_one(back):
     """Commands that jump where the joint does not follow by leaving out the turn are as they were sent."""
     robot = ident.Robot.from_urdf(TABLE)
     t = np.arange(800) / 100.0
-    sent = np.where(t > 3.0, 3.0, -3.0)
-    q = -3.0 + 6.0 * np.clip((t - 3.0) / 0.8, 0.0, 1.0)
+    sent = np.where((t > 3.0) & (t < back), 3.0, -3.0)
+    q = -3.0 + 6.0 * (np.clip((t - 3.0) / 0.8, 0.0, 1.0) - np.clip((t - back) / 0.8, 0.0, 1.0))
     seen = DriveLog.of(ident.Log("run", t=t, q=q[:, None], extra={"q_cmd1": sent}), robot, DriveLaw.of(robot, kp=20.0))
     np.testing.assert_array_equal(seen.q_cmd[:, 0], sent)
+
+
+def one_turn(angles: np.ndarray, begins: float = -np.pi) -> np.ndarray:
+    return begins + np.mod(angles - begins, 2.0 * np.pi)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("begins", [(-np.pi, -np.pi), (0.0, 0.0), (-np.pi, 0.0), (None, -np.pi), (-np.pi, None)])
+def test_staircases_over_a_full_turn(seed, begins):
+    """Steps of up to a radian across the end of the turn: the jump of the command is then far from a full one. In each, the turn on which
+    positions and commands are logged, None where they go on."""
+    robot = ident.Robot.from_urdf(TABLE)
+    rng = np.random.default_rng(seed)
+    middle = next((begin for begin in begins[::-1] if begin is not None), 0.0)
+    steps = middle + np.resize([-0.6, -0.5, 0.5, 0.6], 40) + rng.uniform(-0.1, 0.1, 40)
+    sent = np.repeat(steps, 25)
+    q = lfilter([0.1], [1.0, -0.9], sent, zi=[0.9 * sent[0]])[0] + 5e-4 * rng.standard_normal(1000)
+    logged = [x if begin is None else one_turn(x, begin) for x, begin in zip((q, sent), begins, strict=True)]
+    log = ident.Log("run", t=np.arange(1000) / 100.0, q=logged[0][:, None], extra={"q_cmd1": logged[1]})
+    seen = DriveLog.of(log, robot, DriveLaw.of(robot, kp=20.0))
+    np.testing.assert_allclose(seen.q_cmd[:, 0] - seen.q[:, 0], sent - q, atol=1e-9)
 
 
 @pytest.mark.parametrize(("by", "share"), [("fraction", 0.25), ("blocks", 0.4)])
