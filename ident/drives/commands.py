@@ -71,24 +71,8 @@ class DriveLog:
         q, turned = joined_turns(logged, robot)
         good = np.isfinite(q).all(axis=1)
         columns = commanded(log.extra, robot)
-        if law.sends_positions and "q_cmd" not in columns:
-            raise DataError(
-                f"log {log.name}: [drive] law {law.kind!r} needs the position commands q_cmd1 … q_cmd{robot.n}, and the log has none."
-                " Rename the columns that hold them."
-            )
-        for what, array in columns.items():
-            missing = np.flatnonzero(np.isnan(array[good]).all(axis=0))
-            if len(missing) and what in ("q_cmd", "dq_cmd", "supply", "voltage"):
-                joint = int(missing[0])
-                raise DataError(f"log {log.name}: column {what}{joint + 1} (joint {robot.joint_names[joint]}) is missing or empty.")
-        if law.kind == "pwm" and "supply" not in columns:
-            raise DataError(f"log {log.name}: [drive] law 'pwm' needs the supply voltage, columns supply1_V … supply{robot.n}_V.")
+        _require(log.name, {what: array[good] for what, array in columns.items()}, robot, law)
         if law.kind == "voltage":
-            if "voltage" not in columns:
-                raise DataError(
-                    f"log {log.name}: [drive] law 'voltage' needs the voltages that the drives were sent, columns voltage1_V …"
-                    f" voltage{robot.n}_V, and the log has none. Rename the columns that hold them."
-                )
             columns = {"tau_ff": columns["voltage"], **{k: x for k, x in columns.items() if k == "torque_enable"}}
         t = equal_steps(log.t[good], q[good])
         unsteady = [] if np.array_equal(t, log.t[good]) else [_unsteady(log.t[good] - t)]
@@ -123,18 +107,51 @@ class DriveLog:
         return float(self.t[-1])
 
 
+def _require(name: str, columns: Mapping[str, Array], robot: Robot, law: DriveLaw) -> None:
+    """Raises DataError where commands (N, n) that a law needs are not there."""
+    if law.sends_positions and "q_cmd" not in columns:
+        raise DataError(
+            f"log {name}: [drive] law {law.kind!r} needs the position commands, {_columns('q_cmd', '', robot)}, and the log has none."
+            " Rename the columns that hold them."
+        )
+    for what, array in columns.items():
+        missing = np.flatnonzero(np.isnan(array).all(axis=0))
+        if len(missing) and what in ("q_cmd", "dq_cmd", "voltage", *(("supply",) if law.kind == "pwm" else ())):
+            joint = int(missing[0])
+            raise DataError(f"log {name}: column {what}{joint + 1} (joint {robot.joint_names[joint]}) is missing or empty.")
+    if law.kind == "pwm" and "supply" not in columns:
+        one = "" if robot.n == 1 else ", or supply_V where all joints have one"
+        raise DataError(f"log {name}: [drive] law 'pwm' needs the supply voltage, {_columns('supply', '_V', robot)}{one}.")
+    if law.kind == "voltage" and "voltage" not in columns:
+        raise DataError(
+            f"log {name}: [drive] law 'voltage' needs the voltages that the drives were sent, {_columns('voltage', '_V', robot)},"
+            " and the log has none. Rename the columns that hold them."
+        )
+
+
+def _columns(what: str, unit: str, robot: Robot) -> str:
+    """Those of all joints, for a message."""
+    return f"column {what}1{unit}" if robot.n == 1 else f"columns {what}1{unit} … {what}{robot.n}{unit}"
+
+
 def commanded(extra: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
     """Commands among a log's further columns: "q_cmd", "dq_cmd", "tau_ff", "torque_enable", "supply", "voltage" → (N, n), SI.
 
-    NaN where one is missing."""
+    NaN where one is missing. One supply without a number is that of every joint that has none of its own."""
     found: dict[str, dict[int, Array]] = {}
+    shared: Array | None = None
     for column, values in extra.items():
         stem, suffix = split_unit(column.strip())
+        if stem.lower() == "supply":
+            shared = np.asarray(values, float) * (1.0 if suffix is None else unit_of(suffix).scale)
+            continue
         match = _COLUMN.match(stem) or _COLUMN.match(column.strip())
         if match is None:
             continue
         scale = 1.0 if suffix is None else unit_of(suffix).scale
         found.setdefault(match["what"].lower(), {})[int(match["joint"]) - 1] = np.asarray(values, float) * scale
+    if shared is not None:
+        found["supply"] = dict.fromkeys(range(max(len(robot.whole), robot.n)), shared) | found.get("supply", {})
     out = {}
     for what, by_number in found.items():
         numbers = list(range(robot.n))

@@ -44,8 +44,8 @@ _RATES_OF = {
     "packet", "packets", "loss", "bit", "scan", "log", "loop", "clock", "bus", "message", "messages", "learning", "success", "error",
 }  # fmt: skip
 NOT_JOINTS = {
-    "euler", "quat", "tcp", "tool", "imu", "foot", "temp", "temperature", "temperatur", "ee", "cart", "base", "voltage", "mode", "id",
-    "limit", "status",
+    "euler", "quat", "tcp", "tool", "imu", "foot", "temp", "temperature", "temperatur", "ee", "cart", "base", "voltage", "supply", "mode",
+    "id", "limit", "status",
 }  # fmt: skip
 HANDS = {"hand", "gripper", "finger", "thumb", "knuckle", "grasp"}
 QUANTITIES = frozenset.union(*map(frozenset, QUANTITY_WORDS.values()))

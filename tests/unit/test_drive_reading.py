@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 import ident
 from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
 from ident.drives import DriveLaw, DriveLog, fit_drives
+from ident.drives.commands import commanded
 from ident.drives.space import drive_logs
 from ident.errors import DataError
 from ident.logs.log import LogSet
@@ -112,6 +113,43 @@ def test_staircases_over_a_full_turn(seed, begins):
     log = ident.Log("run", t=np.arange(1000) / 100.0, q=logged[0][:, None], extra={"q_cmd1": logged[1]})
     seen = DriveLog.of(log, robot, DriveLaw.of(robot, kp=20.0))
     np.testing.assert_allclose(seen.q_cmd[:, 0] - seen.q[:, 0], sent - q, atol=1e-9)
+
+
+def test_supplies_are_no_velocities(tmp_path, leg):
+    """`supply1_V`: a voltage, whose unit is also a symbol of velocity."""
+    robot = leg[0]
+    t = np.arange(300) / 100.0
+    columns = {"time_s": t, "q1_rad": np.sin(t), "q2_rad": np.cos(t), "q_cmd1_rad": np.sin(t), "q_cmd2_rad": np.cos(t)}
+    columns |= {"supply1_V": 12.0 - np.sin(t) ** 2, "supply2_V": 11.0 - np.sin(t) ** 2}
+    path = tmp_path / "a.csv"
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    log = ident.read_logs(path, robot).logs[0]
+    assert log.notes == ()
+    np.testing.assert_allclose(commanded(log.extra, robot)["supply"], np.column_stack([columns["supply1_V"], columns["supply2_V"]]))
+
+
+def test_one_supply_for_all_joints(leg):
+    robot, _, log = leg
+    law = DriveLaw.of(robot, "pwm", kp=4.0)
+    volts = 12.0 - 0.1 * np.arange(len(log)) / len(log)
+    seen = DriveLog.of(replace(log, extra={**log.extra, "supply_mV": 1e3 * volts}), robot, law)
+    np.testing.assert_allclose(seen.supply, np.column_stack([volts, volts]))
+    seen = DriveLog.of(replace(log, extra={**log.extra, "supply_V": volts, "supply2_V": volts - 1.0}), robot, law)
+    np.testing.assert_allclose(seen.supply, np.column_stack([volts, volts - 1.0]))
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "held", "column"),
+    [("pwm", {"kp": 4.0}, {"q_cmd1": 0.0}, "supply1_V"), ("pd_position", {"kp": 4.0}, {}, "q_cmd1"), ("voltage", {}, {}, "voltage1_V")],
+)
+def test_columns_that_are_missing_are_named(kind, given, held, column):
+    """One of a single joint, first and last of several."""
+    for urdf, said in ((PENDULUM, f"column {column}"), (LEG, f"columns {column} … {column.replace('1', '2')}")):
+        robot = ident.Robot.from_urdf(urdf)
+        t = np.arange(100) / 100.0
+        extra = {f"{what[:-1]}{j + 1}": np.full(100, x) for what, x in held.items() for j in range(robot.n)}
+        with pytest.raises(DataError, match=f", {said}[,.]"):
+            DriveLog.of(ident.Log("run", t=t, q=np.zeros((100, robot.n)), extra=extra), robot, DriveLaw.of(robot, kind, **given))
 
 
 @pytest.mark.parametrize(("by", "share"), [("fraction", 0.25), ("blocks", 0.4)])

@@ -130,7 +130,7 @@ def test_known_constants_give_the_torque(robot):
 
 def test_what_is_refused(robot):
     log = driven(0, seconds=1.0)
-    with pytest.raises(ident.DataError, match=r"columns voltage1_V … voltage1_V, and the log has none"):
+    with pytest.raises(ident.DataError, match=r"column voltage1_V, and the log has none"):
         fitted(robot, replace(log, extra={"supply1_V": log.extra["voltage1_V"]}))
     with pytest.raises(ident.ConfigurationError, match="unknown constant of \\[drive\\] law 'voltage' 'kp'"):
         DriveLaw.of(robot, "voltage", kp=1.0)
