@@ -17,6 +17,8 @@ SHARE = 0.3
 _ROUND = 0.03
 #: A member whose usual size moves the value of a sum by less than this share is left out of it.
 _PART = 0.05
+#: Units of a scale of torque that is the torque of a voltage.
+_PER_VOLT = ("N m/V", "N/V")
 
 
 @dataclass(frozen=True)
@@ -167,7 +169,7 @@ def separated_by(members: Sequence[Unknown]) -> str:
     advice = []
     if any(u.place == "kd" and not u.scale for u in members):
         advice.append("kd from the drive's settings, a log with another kd, or a log in which the velocity command dq_cmd varies")
-    if any(u.place == "torque_scale" and u.unit == "N m/V" for u in members) and "kp" not in places:
+    if any(u.place == "torque_scale" and u.unit in _PER_VOLT for u in members) and "kp" not in places:
         advice.append(
             "torque_scale (torque constant over winding resistance) from the data sheet, a log with a known mass added, or one with current"
             " or torque"

@@ -29,7 +29,7 @@ _PLACES: dict[type[Effect], str] = {
     RotorInertia: "armature", Viscous: "viscous", Coulomb: "dry", Offset: "offset", LoadDependentFriction: "load", Stribeck: "excess",
     LinearSpring: "spring",
 }  # fmt: skip
-#: Constants of a law: symbol and unit.
+#: Constants of a law: symbol and unit, where a joint turns.
 CONSTANTS = {
     "kp": ("kp", "N m/rad"), "kd": ("kd", "N m s/rad"), "delay_s": ("delay", "s"), "command_lag_s": ("lag", "s"),
     "deadband": ("deadband", "rad"), "effort_limit": ("effort_limit", "N m"),
@@ -40,7 +40,15 @@ CONSTANTS = {
 }  # fmt: skip
 
 #: The same of laws whose torque grows with a voltage, where they have other units.
-_UNITS = {"pwm": {"kp": "1/rad", "torque_scale": "N m/V"}, "voltage": {"effort_limit": "V", "torque_scale": "N m/V"}}
+_UNITS = {
+    "pwm": {"kp": "1/rad", "kd": "s/rad", "effort_limit": "1", "torque_scale": "N m/V"},
+    "voltage": {"effort_limit": "V", "torque_scale": "N m/V"},
+}
+#: Units of a joint that turns, with those of one that slides.
+_SLIDES = {
+    "N m": "N", "N m/rad": "N/m", "N m s/rad": "N s/m", "N m/(rad s)": "N/(m s)", "1/(N m)": "1/N", "N m/V": "N/V",
+    "rad": "m", "rad/s": "m/s", "1/rad": "1/m", "s/rad": "s/m",
+}  # fmt: skip
 
 #: What stays as it is when all torque of a joint is another by one factor; the scale of a duty is one of torque, its gains are not.
 _APART = (
@@ -85,18 +93,19 @@ def unknowns(model: Model, law: DriveLaw, starts: Sequence[tuple[str, int]] = ()
     found = _of_model(model, law)
     robot = model.robot
     for key, (symbol, unit) in CONSTANTS.items():
+        unit = _UNITS.get(law.kind, {}).get(key, unit)
+        units = [_SLIDES.get(unit, unit) if joint.prismatic else unit for joint in robot.joints]
         if key == "integral_start":
             found += [
-                Unknown(f"{symbol}_{robot.joint_names[j]}_{log}", unit, key, j, -np.inf, effect="drive", log=log) for log, j in starts
+                Unknown(f"{symbol}_{robot.joint_names[j]}_{log}", units[j], key, j, -np.inf, effect="drive", log=log) for log, j in starts
             ]
             continue
         at = np.flatnonzero(np.isnan(law.constants[key]) & _asked(law, key))
-        unit = _UNITS.get(law.kind, {}).get(key, unit)
         scale = key in law.scales
         if key in law.shared and len(at):
             found.append(Unknown(symbol, unit, key, -1, effect="drive"))
             continue
-        found += [Unknown(f"{symbol}_{robot.joint_names[j]}", unit, key, int(j), effect="drive", scale=scale) for j in at]
+        found += [Unknown(f"{symbol}_{robot.joint_names[j]}", units[j], key, int(j), effect="drive", scale=scale) for j in at]
     if not found:
         raise ConfigurationError("nothing to identify: no effect is declared, and every constant of the drive law is known.")
     return tuple(found)

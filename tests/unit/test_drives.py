@@ -18,7 +18,7 @@ from ident.drives.determined import Standing
 from ident.drives.plant import DrivePlant
 from ident.drives.starts import starts
 from ident.drives.torque import with_torque
-from ident.drives.unknowns import unknowns
+from ident.drives.unknowns import CONSTANTS, unknowns
 from ident.logs.log import LogSet
 
 pytestmark = needs_native  # which plays the drives of the logs
@@ -392,3 +392,27 @@ def test_derivatives_keep_to_joints_that_have_mass(robot):
     for i, unknown in enumerate(plant.unknowns):
         one, other = central[..., i].ravel(), ahead[..., i].ravel()
         assert np.linalg.norm(one - other) < 0.5 * np.linalg.norm(other), unknown.name
+
+
+def test_units_are_those_of_the_law_and_of_the_joint():
+    """By the equations: a slide has a force, of a share of full voltage the limit is one, too."""
+    slide = ident.Robot.from_urdf(LEG.replace('name="knee" type="revolute"', 'name="knee" type="prismatic"'))
+    every = {
+        "pd_position": {
+            "kp": "N m/rad N/m", "kd": "N m s/rad N s/m", "delay": "s", "lag": "s", "deadband": "rad m", "effort_limit": "N m N",
+            "s": "1 1", "ke": "N m s/rad N s/m", "Fm": "1 1", "Fmm": "1/(N m) 1/N", "v_m": "rad/s m/s", "k": "N m/rad N/m",
+            "d": "N m s/rad N s/m", "f": "1 1", "v0": "rad/s m/s",
+        },
+        "pid_position": {"ki": "N m/(rad s) N/(m s)", "I0": "N m N"},
+        "pwm": {"kp": "1/rad 1/m", "kd": "s/rad s/m", "effort_limit": "1 1", "s": "N m/V N/V", "deadband": "rad m"},
+        "voltage": {"effort_limit": "V V", "s": "N m/V N/V"},
+    }  # fmt: skip
+    keys = {CONSTANTS[key][0]: key for key in CONSTANTS}
+    model = slide.rigid_body()
+    for kind, units in every.items():
+        given = {keys[symbol]: "identify" for symbol in units}
+        law = DriveLaw.of(slide, kind, **{"kp": "identify"} | given) if kind != "voltage" else DriveLaw.of(slide, kind, **given)
+        found = {u.name: u.unit for u in unknowns(model, law, [("run", 0), ("run", 1)] if kind == "pid_position" else [])}
+        for symbol, both in units.items():
+            of = [found[name] for name in found if name == symbol or name.startswith((f"{symbol}_hip", f"{symbol}_knee"))]
+            assert " ".join(of) == both, (kind, symbol)
