@@ -13,15 +13,15 @@ import numpy as np
 from .._utils.text import counted
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from ..logs.log import run_of
-from ..robots.tables import LAW_CONSTANTS
+from ..robots.tables import ENDLESS, LAW_CONSTANTS
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
     from ..robots.tables import DriveTable
 
 Array = np.ndarray
-#: What stands for a constant that is to be identified.
-IDENTIFY = "identify"
+#: What stands for a constant that is to be identified, and for one that a drive does not have.
+IDENTIFY, NONE = "identify", "none"
 #: The constants of a law, with what they are where nothing is said: a number, or to be identified.
 _GEARED: dict[str, float | str | None] = {
     "gear_loss": 0.0,
@@ -109,7 +109,8 @@ class DriveLaw:
         is the voltage u(t − d) that the drive was sent, within ±effort_limit (V), s is `torque_scale`.
     constants : mapping
         "kp" (N m/rad), "kd" (N m s/rad), "delay_s", "command_lag_s" (s), "deadband" (rad; both 0 by default), "effort_limit" (N m),
-        "torque_scale" (1; pwm, voltage: N m/V), "back_emf" (N m s/rad) → (n,), NaN where the constant is to be identified. What a gear
+        "torque_scale" (1; pwm, voltage: N m/V), "back_emf" (N m s/rad) → (n,), NaN where the constant is to be identified, infinite where
+        there is none ("none": of effort_limit, joint_stiffness, no_load_speed). What a gear
         loses of the drive's torque τ, as dry friction: `gear_loss` |τ|, `gear_loss_square` τ², `gear_loss_slow`
         |τ| exp(−(dq/`slow_speed`)²); 0 by default. `joint_stiffness` (N m/rad), `joint_damping`: a spring between motor and link, the
         encoder on the motor; none by default. `feed_forward` f: the share of the logged tau_ff that reaches the drive, 1 by default; 0 in
@@ -283,7 +284,7 @@ class DriveLaw:
         """Plain data, as `[drive]` has it."""
 
         def plain(constants: Mapping[str, Array]) -> dict[str, list[Any]]:
-            return {k: [IDENTIFY if np.isnan(x) else "none" if np.isinf(x) else float(x) for x in v] for k, v in constants.items()}
+            return {k: [IDENTIFY if np.isnan(x) else NONE if np.isinf(x) else float(x) for x in v] for k, v in constants.items()}
 
         logs = {name: {**plain(t["constants"]), **{k: str(v) for k, v in t["forms"].items()}} for name, t in self.by_log.items()}
         forms = {key: str(getattr(self, key)) for key in _FORMS}
@@ -292,13 +293,15 @@ class DriveLaw:
 
 
 def _per_joint(key: str, value: Any, robot: Robot) -> Array:
-    """(n,), NaN where to be identified."""
+    """(n,), NaN where to be identified, infinite where there is none."""
+    own = key.rpartition(" ")[2]
+    choice = f'a number, "{IDENTIFY}", or "{NONE}"' if own in ENDLESS else f'a number or "{IDENTIFY}"'
     if isinstance(value, Mapping):
         for name in value:
             robot.joint_index(name)
         missing = [name for name in robot.joint_names if name not in value]
         if missing:
-            raise ConfigurationError(f"[drive] {key}: joint {missing[0]!r} is missing from the table.")
+            raise ConfigurationError(f"[drive] {key}: joint {missing[0]!r} is missing from the table: give {choice}.")
         value = [value[name] for name in robot.joint_names]
     entries = list(value) if isinstance(value, list | tuple | np.ndarray) else [value] * robot.n
     if len(entries) != robot.n:
@@ -306,8 +309,12 @@ def _per_joint(key: str, value: Any, robot: Robot) -> Array:
             f"[drive] {key}: {counted(len(entries), 'value')}, but the robot has"
             f" {counted(robot.n, 'joint')} ({', '.join(robot.joint_names)})."
         )
-    found = np.array([np.nan if isinstance(x, str) else float(x) for x in entries])
-    if np.any(found < 0) and key.rpartition(" ")[2] not in _SIGNED:
+    said = {IDENTIFY: np.nan, "fit": np.nan} | ({NONE: np.inf} if own in ENDLESS else {})
+    for name, x in zip(robot.joint_names, entries, strict=True):
+        if isinstance(x, str) and x not in said:
+            raise ConfigurationError(f"[drive] {key} of joint {name!r} is {x!r}: give {choice}.")
+    found = np.array([said[x] if isinstance(x, str) else float(x) for x in entries])
+    if np.any(found < 0) and own not in _SIGNED:
         raise ConfigurationError(f"[drive] {key} of joint {robot.joint_names[int(np.argmax(found < 0))]!r} is negative.")
     return found
 

@@ -124,7 +124,7 @@ def _asked(law: DriveLaw, key: str) -> Array:
     if key not in law.only_by_log:
         return np.ones(n, bool)
     given = [table["constants"].get(key) for table in law.by_log.values()]
-    return np.array([not all(v is not None and np.isfinite(v[j]) for v in given) for j in range(n)])
+    return np.array([not all(v is not None and not np.isnan(v[j]) for v in given) for j in range(n)])
 
 
 def _of_model(model: Model, law: DriveLaw) -> list[Unknown]:

@@ -21,35 +21,44 @@ DEFAULT_EFFECTS = ("rotor_inertia", "viscous", "coulomb")
 TORQUES = ("link", "motor", "current", "estimated", "external", "command", "none")
 
 
+#: Constants of a law from command to torque that a drive need not have: they are then without end.
+ENDLESS = ("effort_limit", "joint_stiffness", "no_load_speed")
+
+
 def constants(value: Any) -> Any:
     """A constant of a drive law: a number, a list of numbers, a table by joint, or "identify" (also "fit") for what is unknown."""
-    unknown = ("identify", "fit")
-    expected = 'a number, a list of numbers, a table of joint = number, or "identify"'
+    return _constants(value, 'a number, a list of numbers, a table of joint = number, or "identify"')
+
+
+def endless_constants(value: Any) -> Any:
+    """The same of one that a drive need not have (`ENDLESS`): "none" where it has none."""
+    return _constants(value, 'a number, a list of numbers, a table of joint = number, "identify", or "none"', ("none",))
+
+
+def _constants(value: Any, expected: str, words: tuple[str, ...] = ()) -> Any:
     if isinstance(value, Mapping):
-        return {str(k): "identify" if v in unknown else _constant(v, expected) for k, v in value.items()}
+        return {str(k): _constant(v, expected, words) for k, v in value.items()}
     if isinstance(value, list | tuple) and value:
-        return tuple("identify" if v in unknown else _constant(v, expected) for v in value)
-    return "identify" if value in unknown else _constant(value, expected)
+        return tuple(_constant(v, expected, words) for v in value)
+    return _constant(value, expected, words)
 
 
-_ONE_CONSTANT = {"anyOf": [NUMBER, {"enum": ["identify", "fit"]}]}
-described(
-    constants,
-    {
-        "anyOf": [
-            *_ONE_CONSTANT["anyOf"],
-            {"type": "array", "items": _ONE_CONSTANT},
-            {"type": "object", "additionalProperties": _ONE_CONSTANT},
-        ]
-    },
-)
-
-
-def _constant(value: Any, expected: str) -> float:
+def _constant(value: Any, expected: str, words: tuple[str, ...]) -> float | str:
+    if value in ("identify", "fit"):
+        return "identify"
+    if isinstance(value, str) and value in words:
+        return value
     try:
         return number(value)
     except Unfit:
-        raise Unfit(expected) from None
+        only = f'; only {", ".join(ENDLESS[:-1])} and {ENDLESS[-1]} may be "none"' if value == "none" else ""
+        raise Unfit(expected + only) from None
+
+
+for _kind, _words in ((constants, ["identify", "fit"]), (endless_constants, ["identify", "fit", "none"])):
+    _one = {"anyOf": [NUMBER, {"enum": _words}]}
+    _many = [{"type": "array", "items": _one}, {"type": "object", "additionalProperties": _one}]
+    described(_kind, {"anyOf": [*_one["anyOf"], *_many]})
 
 
 def effect_entries(value: Any) -> tuple[Mapping[str, Any], ...]:
@@ -130,8 +139,8 @@ class DriveTable:
     torque is (`TORQUES`); `torque_sign`: 1 or -1 for all joints, or for each, by which it is taken.
 
     What a drive makes of its commands, for logs without torque (`ident.drives`): `law` and its constants (each a number, numbers
-    per joint, a table by joint, or "identify"); `command`, `velocity_command`: what happens between and beside the logged commands;
-    `supply`: which voltage of a drive that is sent pulses;
+    per joint, a table by joint, "identify", or, of `ENDLESS`, "none"); `command`, `velocity_command`: what happens between and beside
+    the logged commands; `supply`: which voltage of a drive that is sent pulses;
     `links`: "known" (the URDF's inertials are right) or "identify"; `by_log`: name or pattern of a log → constants of that log."""
 
     measured: str | None = None
@@ -169,7 +178,7 @@ class DriveTable:
 
     #: Keys that a log may have for itself, under `by_log`.
     OF_A_LOG: ClassVar[Mapping[str, Kind]] = {
-        **dict.fromkeys(LAW_CONSTANTS, constants),
+        **{key: endless_constants if key in ENDLESS else constants for key in LAW_CONSTANTS},
         "command": one_of("staircase", "ramp"),
         "velocity_command": one_of("logged", "zero", "derivative"),
         "supply": one_of("logged", "mean"),

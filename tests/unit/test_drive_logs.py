@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rigid_models import needs_native
 
 import ident
-from benchmarks.actuators.commanded import LEG, PENDULUM
+from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
 from ident.cli import main
-from ident.drives import DriveLaw, DriveLog
+from ident.drives import DriveLaw, DriveLog, fit_drives
 from ident.drives.commands import commanded
 from ident.drives.folds import HeldOut, best
 from ident.drives.plant import DrivePlant
 from ident.drives.seen import seen_in
+from ident.drives.unknowns import unknowns
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +86,57 @@ def test_a_study_says_the_law(tmp_path):
     again = ident.read_study(file).drive_law()
     assert again is not None
     assert again.for_log("abc").constants["kp"][0] == 10.0
+
+
+@pytest.mark.parametrize("key", ["effort_limit", "joint_stiffness", "no_load_speed"])
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [('"none"', [np.inf] * 2), ('["none", 3]', [np.inf, 3.0]), ('{ hip = "none", knee = "identify" }', [np.inf, np.nan])],
+)
+def test_a_joint_without_a_limit(tmp_path, robot, key, given, expected):
+    """In a study, in one that is written again, and in the law's own words, of all logs and of one."""
+    (tmp_path / "leg.urdf").write_text(LEG)
+    file = tmp_path / "study.toml"
+    limit = "" if key != "no_load_speed" else "effort_limit = 2\n"
+    file.write_text(
+        f'[robot]\nurdf = "leg.urdf"\n[drive]\nlaw = "pd_position"\nkp = 20\n{limit}{key} = {given}\n[drive.by_log.a]\n{key} = {given}\n'
+    )
+    file.write_text(ident.read_study(file).to_toml(tmp_path))
+    law = ident.read_study(file).drive_law()
+    assert law is not None
+    again = law.to_dict()
+    again = DriveLaw.of(robot, again.pop("law"), **again)
+    for one in (law, law.for_log("a"), again, again.for_log("a")):
+        np.testing.assert_array_equal(one.constants[key], expected)
+    model = robot.rigid_body() + ident.friction.Viscous()
+    of_logs = DriveLaw.of(robot, kp=20.0, by_log={"a": {key: ["none", 3.0]}}, **({"effort_limit": 2.0} if limit else {}))
+    assert key not in {unknown.place for unknown in unknowns(model, of_logs)}
+
+
+def test_what_a_constant_may_be(tmp_path, robot):
+    with pytest.raises(ident.ConfigurationError, match=r"effort_limit: joint 'hip' .* \"identify\", or \"none\""):
+        DriveLaw.of(robot, kp=20.0, effort_limit={"knee": 2.0})
+    with pytest.raises(ident.ConfigurationError, match=r"kp: joint 'hip' .* a number or \"identify\""):
+        DriveLaw.of(robot, kp={"knee": 2.0})
+    with pytest.raises(ident.ConfigurationError, match=r"kd of joint 'knee' is 'none'"):
+        DriveLaw.of(robot, kp=20.0, kd=[1.0, "none"])
+    (tmp_path / "leg.urdf").write_text(LEG)
+    file = tmp_path / "study.toml"
+    file.write_text('[robot]\nurdf = "leg.urdf"\n[drive]\nlaw = "pd_position"\nkp = { hip = "none", knee = 2 }\n')
+    with pytest.raises(ident.ConfigurationError, match=r"kp must be .* only effort_limit, joint_stiffness and no_load_speed may be"):
+        ident.read_study(file)
+
+
+@needs_native
+def test_the_limit_of_one_joint_is_identified_beside_one_without(robot):
+    truth = {"Ia": 0.012, "Fv": 0.1, "Fc": 0.2, "kp": [25.0, 20.0], "kd": 0.8, "delay": 0.006, "limit": [np.inf, 1.5]}
+    logs = ident.LogSet((commanded_log(robot, truth, seed=1, rate=200, before=1.0),))
+    model = robot.rigid_body() + ident.friction.RotorInertia() + ident.friction.Viscous() + ident.friction.Coulomb()
+    law = DriveLaw.of(robot, kp=[25.0, 20.0], kd=0.8, effort_limit={"hip": "none", "knee": "identify"})
+    fit = fit_drives(logs, model, law)
+    assert fit.value("effort_limit_knee") == pytest.approx(1.5, rel=0.01)
+    assert "effort_limit_hip" not in fit.names
+    assert np.isinf(fit.constants()["effort_limit"][0])
 
 
 @pytest.mark.slow

@@ -270,7 +270,7 @@ def test_what_a_law_refuses(robot):
     with pytest.raises(ident.ConfigurationError, match="2 values, but the robot has 1 joint "):
         DriveLaw.of(robot, kp=[1.0, 2.0])
     log = ident.Log("bare", t=np.arange(5) * 0.01, q=np.zeros((5, 1)))
-    with pytest.raises(ident.DataError, match="needs the position commands q_cmd1"):
+    with pytest.raises(ident.DataError, match="needs the position commands, column q_cmd1"):
         fit_drives(LogSet((log,)), model_of(robot), DriveLaw.of(robot, kp=1.0))
 
 
