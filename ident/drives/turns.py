@@ -15,6 +15,8 @@ Array = np.ndarray
 _TURN = 2.0 * np.pi
 #: Share of a turn by which noise may leave it.
 _SLACK = 0.01
+#: Share of its error within which a joint follows commands that were put on its turn, where its positions do not say that they wrap.
+_NEARER = 0.5
 
 
 def joined_turns(positions: Array, robot: Robot) -> tuple[Array, list[str]]:
@@ -39,9 +41,9 @@ def of_the_same_turn(commands: Array, positions: Array, robot: Robot, logged: Ar
         options = [sent, unwrapped(commands[:, [j]])[:, 0]]
         best = min(options, key=lambda option: float(np.std(option - q)))
         best = best - _TURN * np.round(np.median(best - q) / _TURN)
-        if (logged is not None and _on_its_turn(sent, logged[:, j], q)) or _only_jumps_part(best, q):
-            best = sent - _TURN * np.round((sent - q) / _TURN)
-        out[:, j] = best
+        near = sent - _TURN * np.round((sent - q) / _TURN)
+        wraps = logged is not None and _on_its_turn(sent, logged[:, j], q)
+        out[:, j] = near if wraps or (_only_jumps_part(best, q) and np.std(near - q) < _NEARER * np.std(best - q)) else best
     return out
 
 

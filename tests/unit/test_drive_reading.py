@@ -94,6 +94,18 @@ def test_a_step_of_nearly_a_turn_is_one(back):
     np.testing.assert_array_equal(seen.q_cmd[:, 0], sent)
 
 
+@pytest.mark.parametrize(("hold", "slow"), [(2, 0.99), (25, 0.99), (10, 0.97)])
+def test_wild_steps_stay(hold, slow):
+    """Steps of up to nearly a turn, some of them taken back before the joint has come half of the way."""
+    robot = ident.Robot.from_urdf(TABLE)
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        sent = np.repeat(rng.uniform(-3.0, 3.0, 1000 // hold), hold)
+        q = lfilter([1.0 - slow], [1.0, -slow], sent, zi=[slow * sent[0]])[0] + 5e-4 * rng.standard_normal(1000)
+        log = ident.Log("run", t=np.arange(1000) / 100.0, q=q[:, None], extra={"q_cmd1": sent})
+        np.testing.assert_allclose(DriveLog.of(log, robot, DriveLaw.of(robot, kp=20.0)).q_cmd[:, 0], sent, atol=1e-9)
+
+
 def one_turn(angles: np.ndarray, begins: float = -np.pi) -> np.ndarray:
     return begins + np.mod(angles - begins, 2.0 * np.pi)
 
