@@ -23,7 +23,7 @@ _LAGS_S = (2e-3, 2e-2)
 #: Integral times kp / ki (s) from which unknown gains of integrals are guessed.
 _INTEGRAL_S = (0.3, 3.0)
 #: Limits of torque, as shares of the largest that is asked for but for a few readings (a quantile), from which unknown ones are guessed.
-_REACHED, _MOST = (0.8, 0.4), 0.995
+_REACHED, _MOST = (0.8, 0.3, 0.1, 0.03), 0.995
 #: An expected value may be off by so many times its size.
 _DOUBT = 3.0
 #: Swings with the torque off are of about this frequency (Hz).
