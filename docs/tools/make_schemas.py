@@ -23,16 +23,6 @@ sys.path.insert(0, str(DOCS.parent))
 
 TARGET = DOCS / "results.schema.json"
 TRUTH = "--with rotor_inertia:Ia=0.05 --with viscous:Fv=1.2 --with coulomb:Fc=2.5"
-SERVO = """[robot]
-urdf = "servo.urdf"
-[drive]
-law = "pd_position"
-kp = 25.0
-kd = "identify"
-effects = ["rotor_inertia", "viscous", "coulomb"]
-[logs]
-fit = ["servo.csv"]
-"""
 COMMANDS = (
     f"simulate --urdf arm.urdf --seconds 10 --seed 1 --log a.csv {TRUTH}",
     f"simulate --urdf arm.urdf --seconds 10 --seed 2 --log b.csv {TRUTH} --with linear_spring:elbow:ks=3,ks0=1",
@@ -77,7 +67,6 @@ def results(folder: Path) -> list[dict[str, Any]]:
 
     for file in (*(DOCS / "data").iterdir(), *(robot_folder("puma560") / f"demo/{n}.csv.gz" for n in ("loaded", "unloaded"))):
         shutil.copy(file, folder)
-    (folder / "servo.toml").write_text(SERVO, encoding="utf-8")
     before, out = Path.cwd(), []
     os.chdir(folder)
     try:

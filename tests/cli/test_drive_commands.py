@@ -10,25 +10,14 @@ import pandas as pd
 import pytest
 
 DATA = Path(__file__).parents[2] / "docs" / "data"
-STUDY = """[robot]
-urdf = "servo.urdf"
-[drive]
-law = "pd_position"
-kp = 25.0
-kd = "identify"
-effects = ["rotor_inertia", "viscous", "coulomb"]
-[logs]
-fit = ["servo.csv"]
-"""
 
 
 @pytest.fixture(scope="module")
 def servo(tmp_path_factory) -> Path:
     """A folder with a study of a servo's log."""
     folder = tmp_path_factory.mktemp("servo")
-    for name in ("servo.urdf", "servo.csv", "servo_check.csv"):
+    for name in ("servo.urdf", "servo.csv", "servo_check.csv", "servo.toml"):
         shutil.copy(DATA / name, folder)
-    (folder / "servo.toml").write_text(STUDY)
     return folder
 
 
@@ -77,9 +66,9 @@ def test_check_refuses_what_fit_refuses(ident, servo, tmp_path, command):
     sent = [name for name in table.columns if name.startswith("q_cmd1")]
     assert sent
     table[sent] *= -1.0
-    shutil.copy(servo / "servo.urdf", tmp_path)
+    for name in ("servo.urdf", "servo.toml"):
+        shutil.copy(servo / name, tmp_path)
     table.to_csv(tmp_path / "servo.csv", index=False)
-    (tmp_path / "servo.toml").write_text(STUDY)
     ran = ident(command, tmp_path / "servo.toml")
     assert ran.code == 3
     assert "hip" in ran.err
