@@ -19,6 +19,11 @@ _FRICTION, _EXCHANGED = ("dry", "viscous", "excess", "load", "gear_loss", "gear_
 _AT_BOUND = 1e-3
 
 
+def impossible(unknown: Unknown, value: float) -> bool:
+    """Whether more than all of a torque would be lost, which turns a joint by none."""
+    return unknown.place in _SHARES and value >= 1.0
+
+
 def doubtful_sizes(unknowns: Sequence[Unknown], values: Array, covariance: Array) -> dict[int, str]:
     """Number of each unknown whose value is not what its name says → why.
 
@@ -29,7 +34,7 @@ def doubtful_sizes(unknowns: Sequence[Unknown], values: Array, covariance: Array
     for i, unknown in enumerate(unknowns):
         if unknown.place not in _SHARES or not values[i] > 0.0:
             continue
-        if values[i] >= 1.0:
+        if impossible(unknown, float(values[i])):
             out[i] = (
                 f"{unknown.name} is at least 1: all of the torque would be lost, which is physically impossible; friction that depends on"
                 " the posture, or a contact, can look like this"

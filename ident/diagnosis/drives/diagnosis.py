@@ -13,7 +13,7 @@ from ...drives.fit import notes_of, result_of, scale_of_gains
 from ...drives.plant import DrivePlant
 from ...drives.residual import FORETOLD, left_over, require_motion
 from ...drives.search import fitted
-from ...drives.sizes import doubtful_sizes
+from ...drives.sizes import doubtful_sizes, impossible
 from ...drives.space import drive_logs
 from ...drives.starts import moved_inertia, starts
 from ...drives.stretches import shares, steadied, unexplained
@@ -89,7 +89,7 @@ def diagnose_drives(
     worse = bool(findings) and _worse(before, after)
     told = tuple(one.text(model.robot.joint_names[one.joint]) for one in unexplained(now.plant, now.fit))
     warnings = (*scale_of_gains(now.plant), *notes_of(now.plant), *told)
-    verdict = Verdict.UNEXPLAINED if worse else _verdict(findings, left)
+    verdict = Verdict.UNEXPLAINED if worse else _verdict(findings, after, left)
     return DriveDiagnosis(verdict, tuple(findings), left, before, after, (*warnings, *([_WORSE] if worse else [])), rest)
 
 
@@ -139,9 +139,11 @@ def _names(plant: DrivePlant, one: Screened) -> tuple[str, ...]:
     return tuple(plant.robot.joint_names[j] for j in one.joints)
 
 
-def _verdict(findings: list[DriveFinding], left: float) -> Verdict:
-    if left > FORETOLD:
+def _verdict(findings: list[DriveFinding], after: DriveFit, left: float) -> Verdict:
+    told = {name for finding in findings for name, *_ in finding.values}
+    absurd = any(impossible(u, float(v)) for u, v in zip(after.unknowns, after.values, strict=True) if u.name in told)
+    if left > FORETOLD or absurd:
         return Verdict.UNEXPLAINED
     if not findings:
         return Verdict.CLEAN
-    return Verdict.AMBIGUOUS if any(finding.rivals for finding in findings) else Verdict.EXPLAINED
+    return Verdict.AMBIGUOUS if any(finding.rivals or finding.no_size for finding in findings) else Verdict.EXPLAINED
