@@ -17,12 +17,14 @@ Array = np.ndarray
 QUIET = 0.02
 
 
-def varying(seed: int, share: float) -> ident.LogSet:
-    """A quiet log of friction that varies along the travel by a share of itself, in waves of half a turn and of a quarter."""
+def varying(seed: int, share: float, waves: int = 0, noise: float = QUIET) -> ident.LogSet:
+    """A quiet log of friction that varies along the travel by a share of itself, in so many waves a radian, or of half a turn and of a
+    quarter."""
     t, q, v, acceleration = motion(seed)
     rng = np.random.default_rng([seed, 3])
-    more = share * COULOMB * np.sign(v) * (np.sin(2.0 * q + 0.4) + 0.5 * np.sin(4.0 * q))
-    return of(seed, t, q + 2e-6 * rng.normal(size=t.size), needed(q, v, acceleration) + more + QUIET * rng.normal(size=t.size))
+    wave = np.sin(waves * q + 0.4) if waves else np.sin(2.0 * q + 0.4) + 0.5 * np.sin(4.0 * q)
+    more = share * COULOMB * np.sign(v) * wave
+    return of(seed, t, q + 2e-6 * rng.normal(size=t.size), needed(q, v, acceleration) + more + noise * rng.normal(size=t.size))
 
 
 @pytest.mark.parametrize(("share", "verdict"), [(0.0, Verdict.CLEAN), (0.006, Verdict.CLEAN), (0.2, Verdict.EXPLAINED)])
@@ -31,6 +33,13 @@ def test_friction_may_vary_a_little_along_the_travel(share: float, verdict: Verd
     named = {f.effect.name for f in found.findings}
     assert (found.verdict == Verdict.CLEAN) == (verdict == Verdict.CLEAN)
     assert named == (set() if verdict == Verdict.CLEAN else {"position_dependent_friction"})
+
+
+@pytest.mark.parametrize("waves", [20, 30])
+def test_friction_may_vary_in_short_waves(waves: int) -> None:
+    """As teeth and rollers make it: up to a 32nd of the travel, here of two thirds of a turn."""
+    found = diagnosed(*(varying(seed, 0.006, waves, QUIET / 2) for seed in (5, 6)))
+    assert found.verdict == Verdict.CLEAN
 
 
 def test_what_is_constant_to_a_share_scores_less_and_never_more() -> None:
