@@ -69,6 +69,8 @@ class ElasticLinks:
         self.links, self.n, self.elastic, self.stiffness, self.twist = links, n, elastic, stiffness, twist
         self.along = np.arange(n)
         self.along[elastic] = n + np.arange(len(elastic))
+        # Where the links have no part it stays zero, step after step.
+        self._inertia = np.zeros((len(stiffness), n + len(elastic), n + len(elastic)))
 
     @property
     def groups(self) -> list[slice]:
@@ -79,15 +81,14 @@ class ElasticLinks:
         return None if alone is None else replace(alone, stiffness=self.stiffness[:, 0], twist=self.twist[:, 0])
 
     def terms(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        lanes, whole = q.shape
         H, c = self.links.terms(q[:, self.along], dq[:, self.along])
-        inertia, bias = np.zeros((lanes, whole, whole)), np.zeros((lanes, whole))
-        inertia[np.ix_(np.arange(lanes), self.along, self.along)] = H
+        bias = np.empty(q.shape)
+        self._inertia[:, self.along[:, None], self.along] = H
         bias[:, self.along] = c
         torque = self.stiffness * (q[:, self.elastic] - q[:, self.n :]) + self.twist * (dq[:, self.elastic] - dq[:, self.n :])
-        bias[:, self.elastic] += torque
+        bias[:, self.elastic] = torque
         bias[:, self.n :] -= torque
-        return inertia, bias
+        return self._inertia, bias
 
     def resting(self, q: Array) -> Array:
         """Positions (B, n + m) at rest: the links hang by their springs."""

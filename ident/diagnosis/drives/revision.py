@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...drives.plant import DrivePlant
+from ...drives.nearby import approached
+from ...drives.plant import DrivePlant, joined
 from ...drives.residual import FORETOLD, left_over
 from ...drives.search import fitted, refitted
 from ...drives.starts import starts
@@ -19,6 +20,8 @@ from .trials import STEPS, Stage, gained, with_candidate
 Array = np.ndarray
 #: Squared standard deviations below which one model is as good as another.
 ALIKE = 9.0
+#: Share of the squared error that a step of a fit with less in it takes off at least.
+_ENOUGH = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +64,32 @@ def needed(declared: DrivePlant, now: Stage, accepted: Sequence[Accepted]) -> tu
     kept = list(accepted)
     for one in accepted:
         rest = [other for other in kept if other is not one]
-        without = _of(declared, now, rest)
-        if not gained(without, now):
-            kept, now = rest, without
+        # One alone was found by its gain; whether it is one at these weights, a few steps tell.
+        without = _of(declared, now, rest) if rest else _near(declared, now)
+        if not gained(without, now if rest else _coarse(now)):
+            kept, now = rest, without if rest else _of(declared, now, rest)
     return kept, now
+
+
+def _near(declared: DrivePlant, now: Stage) -> Stage:
+    """The declared model, a few steps from where one with more in it has ended."""
+    at = _numbers(declared, now)
+    fit = approached(
+        declared, now.fit.values[at], now.sizes[at], now.fit.weights, now.fit.slopes[..., at], enough=_ENOUGH * now.fit.cost
+    )  # fmt: skip
+    return Stage(declared, fit, now.sizes[at])
+
+
+def _coarse(now: Stage) -> Stage:
+    """The same fit with its residual in usual steps of time."""
+    measured = np.concatenate([log.q for log in now.plant.logs])
+    return replace(now, fit=replace(now.fit, residual=joined(now.plant.positions(now.fit.values))[0] - measured))
+
+
+def _numbers(plant: DrivePlant, now: Stage) -> list[int]:
+    """Of the unknowns of a plant, those among which they are in a wider one."""
+    at = {u.name: i for i, u in enumerate(now.plant.unknowns)}
+    return [at[u.name] for u in plant.unknowns]
 
 
 def with_rivals(declared: DrivePlant, now: Stage, accepted: Sequence[Accepted], inertia: Array) -> list[Accepted]:
@@ -95,7 +120,6 @@ def _of(declared: DrivePlant, now: Stage, kept: Sequence[Accepted]) -> Stage:
     plant = declared
     for other in kept:
         plant = other.one.candidate.added_to(plant, other.one.joints)
-    at = {u.name: i for i, u in enumerate(now.plant.unknowns)}
-    own = [at[u.name] for u in plant.unknowns]
+    own = _numbers(plant, now)
     fit = refitted(plant, now.fit.values[own], now.sizes[own], now.fit.weights, steps=STEPS)
     return Stage(plant, fit, now.sizes[own])
