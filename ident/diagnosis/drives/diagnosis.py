@@ -68,6 +68,7 @@ def diagnose_drives(
     first = now = Stage(plant, steadied(plant, fitted(plant, at, sizes, progress=progress), sizes), sizes)
     inertia = moved_inertia(plant)
     accepted: list[Accepted] = []
+    afar = True
     for _ in range(_ROUNDS):
         quick = now.quickened()
         found = [tried(quick, one, inertia) for one in screened(quick.plant, quick.fit, inertia)[:_FITTED]]
@@ -77,7 +78,8 @@ def diagnose_drives(
         ends = [end for one, stage in better if (end := settled(quick, one, stage, plant.step, inertia)) is not None]
         if not ends:
             break
-        new, now = _decided(now, from_afar(now, ends))
+        ends, afar = from_afar(now, ends) if afar else (ends, False)
+        new, now = _decided(now, ends)
         accepted, now = needed(plant, now, [*accepted, new])
         if new not in accepted:
             break

@@ -33,12 +33,14 @@ class Accepted:
     rivals: tuple[Screened, ...] = ()
 
 
-def from_afar(stage: Stage, ends: list[tuple[Screened, Stage]]) -> list[tuple[Screened, Stage]]:
+def from_afar(stage: Stage, ends: list[tuple[Screened, Stage]]) -> tuple[list[tuple[Screened, Stage]], bool]:
     """Models with a candidate each, sought from every start of a fit, where none of them leaves noise: what is missing bends the other
-    unknowns, and the minimum next to bent ones may leave a part of it. `stage`: without any."""
+    unknowns, and the minimum next to bent ones may leave a part of it. `stage`: without any. And whether it may help again: where it did
+    not, what is left is no matter of the search."""
     if any(left_over(after.plant, after.fit) <= FORETOLD for _, after in ends):
-        return ends
-    return [(one, _from_afar(stage, after)) for one, after in ends]
+        return ends, True
+    found = [(one, _from_afar(stage, after)) for one, after in ends]
+    return found, any(after is not before for (_, after), (_, before) in zip(found, ends, strict=True))
 
 
 def _from_afar(stage: Stage, after: Stage) -> Stage:
