@@ -158,11 +158,9 @@ def refitted(plant: DrivePlant, values: Array, sizes: Array, weights: Array, *, 
     """From near values (p,) on, with weights (N, n) that stay, as a fit ends: costs of several models are then of one kind."""
     measured = np.concatenate([log.q for log in plant.logs])
     search = SimulatedSearch(plant, measured, sizes, weights, *expected(plant))
-    values, _, _, before = search.run(values, steps)
-    fine = search.fine()
-    values, _, settled, used = fine.run(values, steps)
-    values, residual, slopes = fine.precise().ended(values)
-    return Fitted(values, residual, slopes, weights, settled, before + used)
+    values, _, settled, used = search.run(values, steps)
+    values, residual, slopes = search.fine().precise().ended(values)
+    return Fitted(values, residual, slopes, weights, settled, used)
 
 
 def followed(
