@@ -6,9 +6,8 @@ import argparse
 from typing import TYPE_CHECKING
 
 from ..diagnosis.drives import diagnose_drives
-from ..study.session import HELD_SHARE
 from .commanded import read_commanded, split_commanded
-from .common import Output
+from .common import Output, say_split
 
 if TYPE_CHECKING:
     from ..study.study import Study
@@ -21,7 +20,7 @@ def diagnose_under_law(study: Study, args: argparse.Namespace, out: Output) -> i
     found = diagnose_drives(logs, study.model(robot), law, held=held, progress=out.progress("fitting"))
     out.say(found.summary())
     if not study.validation_files():
-        out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
+        say_split(out)
     out.result(found.to_dict(), "diagnosis")
     with out.together() as folder:
         if folder is not None:

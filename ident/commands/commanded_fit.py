@@ -9,9 +9,8 @@ from .._utils.text import wrapped
 from ..drives import DriveFit, fit_drives
 from ..errors import ConfigurationError
 from ..reporting.commanded import drive_report
-from ..study.session import HELD_SHARE
 from .commanded import read_commanded, split_commanded
-from .common import Output
+from .common import Output, say_split
 from .kept_report import keep_report
 
 if TYPE_CHECKING:
@@ -32,7 +31,7 @@ def fit_under_law(study: Study, args: argparse.Namespace, out: Output) -> int:
     fit = fit_drives(logs, study.model(robot), law, held=held, progress=out.progress("fitting"))
     out.say(fit.summary())
     if not study.validation_files():
-        out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
+        say_split(out)
     if out.json:
         out.result(fit.to_dict())
     _keep(fit, held, logs, out)

@@ -12,9 +12,8 @@ from ..drives.space import drive_logs
 from ..errors import ConfigurationError
 from ..evaluation.doubts import seen_by
 from ..reporting.commanded import drive_report
-from ..study.session import HELD_SHARE
 from .commanded import read_commanded, split_commanded
-from .common import Output
+from .common import Output, say_split
 from .kept_report import keep_report
 
 if TYPE_CHECKING:
@@ -34,7 +33,7 @@ def validate_under_law(study: Study, args: argparse.Namespace, out: Output) -> i
     fit = fit_drives(logs, study.model(robot), law, held=held, progress=out.progress("fitting"))
     code = _told(fit, held, logs, "", out)
     if not study.validation_files():
-        out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
+        say_split(out)
     return code
 
 

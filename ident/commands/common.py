@@ -20,6 +20,7 @@ from ..errors import ConfigurationError
 from ..estimators import make_estimator
 from ..problem.integrated import FORMULATIONS
 from ..streaming.checkpoint import NAME as CHECKPOINT
+from ..study.session import HELD_SHARE
 from ..study.study import Study, read_study
 
 if TYPE_CHECKING:
@@ -190,6 +191,11 @@ def whole(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"must be a whole number of 1 or more, not {text!r}")
     return int(text)
+
+
+def say_split(out: Output) -> None:
+    """That what is held out is the last part of each log."""
+    out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
 
 
 class Output:

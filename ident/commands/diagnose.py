@@ -17,10 +17,10 @@ from ..evaluation.misreadings import misassigned
 from ..excitation.surroundings import Surroundings
 from ..problem.integrated import TORQUE
 from ..reporting.diagnosis import diagnosis_report
-from ..study.session import HELD_SHARE, Session
+from ..study.session import Session
 from .commanded import asks_for_simulation
 from .commanded_diagnosis import diagnose_under_law
-from .common import Output, add_output_arguments, add_study_arguments, positive, study_from
+from .common import Output, add_output_arguments, add_study_arguments, positive, say_split, study_from
 from .kept_report import keep_report
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         out.say(wrapped(f"warning: {session.misassigned} Settle this first: what is found below stands in for it."))
     out.say(diagnosis)
     if session.held_by_split and diagnosis.held is not None:
-        out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
+        say_split(out)
     out.result(diagnosis.to_dict())
     with out.together() as folder:
         if folder is not None:

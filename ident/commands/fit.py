@@ -16,10 +16,10 @@ from ..estimators import estimator_types
 from ..evaluation import AgainstInstruments, Essential, against_instruments, essential
 from ..evaluation.doubts import all_turned
 from ..streaming.session import StreamedSession
-from ..study.session import HELD_SHARE, Session
+from ..study.session import Session
 from .commanded import asks_for_simulation
 from .commanded_fit import fit_under_law
-from .common import Output, add_output_arguments, add_study_arguments, not_negative, study_from
+from .common import Output, add_output_arguments, add_study_arguments, not_negative, say_split, study_from
 from .streaming import add_streaming_arguments, session_from
 
 #: Samples beyond which least squares are not compared with instruments unasked.
@@ -64,7 +64,7 @@ def _fitted(session: Session, args: argparse.Namespace, out: Output) -> int:
         out.say(wrapped(f"note: {note}"))
     out.say(estimate.summary())
     if session.held_by_split and estimate.heldout_error is not None:
-        out.say(f"held out: the last {HELD_SHARE:.0%} of each log (no validation log was given)")
+        say_split(out)
     # What the audit warns of goes with the result, wherever that is read.
     findings = [str(finding) for finding in session.audit.warnings]
     news = [f"audit: {finding}" for finding in findings if not any(warning in finding for warning in estimate.warnings)]

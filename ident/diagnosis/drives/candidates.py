@@ -50,6 +50,11 @@ class DriveCandidate:
         return self.place in _EITHER_WAY or (self.place == "effort_limit" and not self.settings)
 
     @property
+    def of_all(self) -> bool:
+        """Whether it is one number for all joints, as a delay is."""
+        return self.place in SHARED
+
+    @property
     def far(self) -> bool:
         """Whether it is looked at from a number of its own, because nothing shows near what is declared: a spring is stiff there, and a
         limit out of reach."""
@@ -60,11 +65,10 @@ class DriveCandidate:
         law, model = plant.law, plant.model
         if self.place in law.constants:
             constants = {key: values.copy() for key, values in law.constants.items()}
-            # A delay is one number for all joints.
-            constants[self.place][slice(None) if self.place in SHARED else list(joints)] = np.nan
+            constants[self.place][slice(None) if self.of_all else list(joints)] = np.nan
             if self.place == "joint_stiffness":
                 constants["joint_damping"][list(joints)] = np.nan
-            shared = law.shared | ({self.place} if self.place in SHARED else set())
+            shared = law.shared | ({self.place} if self.of_all else set())
             return replace(plant, law=replace(law, constants=constants, shared=shared))
         names = tuple(plant.robot.joint_names[j] for j in joints)
         settings = {"v_s": self.settings["v_s"]} if "v_s" in self.settings else {}

@@ -19,8 +19,9 @@ from ...drives.starts import moved_inertia, starts
 from ...drives.stretches import shares, steadied, unexplained
 from ..verdict import Verdict
 from .candidates import same_motion
+from .improved import from_afar, reweighed
 from .result import DriveDiagnosis, DriveFinding, DriveRival
-from .revision import ALIKE, Accepted, from_afar, needed, reweighed, with_rivals
+from .revision import ALIKE, Accepted, needed, with_rivals
 from .screening import Screened, screened
 from .trials import Stage, believed, settled, tried
 
@@ -122,7 +123,7 @@ def _decided(now: Stage, found: list[tuple[Screened, Stage]]) -> tuple[Accepted,
     declared = None
     if one.candidate.place in now.plant.law.constants and one.candidate.either_way:
         declared = tuple(one.candidate.declared(now.plant.law, j) for j in one.joints)
-    joints = tuple(plant.robot.joint_names) if one.candidate.place == "delay_s" else _names(plant, one)
+    joints = tuple(plant.robot.joint_names) if one.candidate.of_all else _names(plant, one)
     least = tuple(float(u.lower) for u in plant.unknowns if u.name not in before)
     finding = DriveFinding(one.candidate.name, joints, values, declared, one.gain, confidence, rivals, (), least)
     return Accepted(one, finding, tuple(other for other, _ in alike)), reweighed(stage)
