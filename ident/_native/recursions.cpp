@@ -213,6 +213,7 @@ struct DriveStep {
             case 5: return run_blocks<5>(beyond, memory);
             case 6: return run_blocks<6>(beyond, memory);
             case 7: return run_blocks<7>(beyond, memory);
+            case 8: return run_blocks<8>(beyond, memory);
             default: return run_blocks<0>(beyond, memory);
         }
     }
@@ -335,7 +336,73 @@ PyObject* call_drive_step(PyObject*, PyObject* args) {
     Py_RETURN_NONE;
 }
 
+// Joints behind springs (m), each one of n; null with an error set where they are not.
+const int64_t* elastic_joints(Buffer& buffer, PyObject* elastic, Py_ssize_t lanes, Py_ssize_t n, Py_ssize_t m) {
+    const int64_t* of = lanes < 0 || n < 1 || m < 0 ? nullptr : (const int64_t*)buffer.take(elastic, m, 0);
+    bool good = of != nullptr;
+    for (Py_ssize_t k = 0; good && k < m; ++k) good = of[k] >= 0 && of[k] < n;
+    if (good) return of;
+    if (!PyErr_Occurred()) PyErr_SetString(PyExc_ValueError, "elastic joints are none of the robot");
+    return nullptr;
+}
+
+// links_ahead(q, dq (lanes, n + m), elastic (m), out (2, lanes, n), lanes, n, m): states of n links, those of the elastic joints behind m
+//             springs: they stand after the n motors. `elastic`: which joints, 64-bit integers.
+PyObject* call_links_ahead(PyObject*, PyObject* args) {
+    PyObject *q, *dq, *elastic, *out;
+    Py_ssize_t lanes, n, m;
+    if (!PyArg_ParseTuple(args, "OOOOnnn", &q, &dq, &elastic, &out, &lanes, &n, &m)) return nullptr;
+    Buffer buffers[4];
+    const double* from[2] = {};
+    double* to = nullptr;
+    const int64_t* of = elastic_joints(buffers[0], elastic, lanes, n, m);
+    if (!of || !(from[0] = buffers[1].take(q, (int64_t)lanes * (n + m), 0)) || !(from[1] = buffers[2].take(dq, (int64_t)lanes * (n + m), 0)) ||
+        !(to = buffers[3].take(out, 2 * (int64_t)lanes * n, PyBUF_WRITABLE)))
+        return nullptr;
+    for (const double* x : from)
+        for (Py_ssize_t lane = 0; lane < lanes; ++lane, x += n + m, to += n) {
+            for (Py_ssize_t j = 0; j < n; ++j) to[j] = x[j];
+            for (Py_ssize_t k = 0; k < m; ++k) to[of[k]] = x[n + k];
+        }
+    Py_RETURN_NONE;
+}
+
+// behind_springs(H (lanes, n, n), bias (lanes, n), q, dq (lanes, n + m), elastic (m), stiffness, twist (lanes, m), inertia (lanes, n + m,
+//                n + m), out (lanes, n + m), lanes, n, m): inertia and bias torque of motors and links, from those of the links. Where the
+//                links have no part `inertia` is zero and stays so.
+PyObject* call_behind_springs(PyObject*, PyObject* args) {
+    PyObject *inertia, *bias, *q, *dq, *elastic, *stiffness, *twist, *whole, *out;
+    Py_ssize_t lanes, n, m;
+    if (!PyArg_ParseTuple(args, "OOOOOOOOOnnn", &inertia, &bias, &q, &dq, &elastic, &stiffness, &twist, &whole, &out, &lanes, &n, &m)) return nullptr;
+    Buffer buffers[9];
+    const int64_t* of = elastic_joints(buffers[0], elastic, lanes, n, m);
+    const int64_t w = (int64_t)n + m;
+    const double *H, *c, *x, *v, *k, *d;
+    double *M, *b;
+    if (!of || !(H = buffers[1].take(inertia, (int64_t)lanes * n * n, 0)) || !(c = buffers[2].take(bias, (int64_t)lanes * n, 0)) ||
+        !(x = buffers[3].take(q, lanes * w, 0)) || !(v = buffers[4].take(dq, lanes * w, 0)) ||
+        !(k = buffers[5].take(stiffness, (int64_t)lanes * m, 0)) || !(d = buffers[6].take(twist, (int64_t)lanes * m, 0)) ||
+        !(M = buffers[7].take(whole, lanes * w * w, PyBUF_WRITABLE)) || !(b = buffers[8].take(out, lanes * w, PyBUF_WRITABLE)))
+        return nullptr;
+    std::vector<int64_t> along((size_t)n);
+    for (int64_t j = 0; j < n; ++j) along[(size_t)j] = j;
+    for (int64_t i = 0; i < m; ++i) along[(size_t)of[i]] = n + i;
+    for (Py_ssize_t lane = 0; lane < lanes; ++lane, H += n * n, c += n, x += w, v += w, k += m, d += m, M += w * w, b += w) {
+        for (int64_t i = 0; i < n; ++i) {
+            b[along[(size_t)i]] = c[i];
+            for (int64_t j = 0; j < n; ++j) M[along[(size_t)i] * w + along[(size_t)j]] = H[i * n + j];
+        }
+        for (int64_t i = 0; i < m; ++i) {
+            const double spring = k[i] * (x[of[i]] - x[n + i]) + d[i] * (v[of[i]] - v[n + i]);
+            b[of[i]] = spring, b[n + i] -= spring;
+        }
+    }
+    Py_RETURN_NONE;
+}
+
 PyMethodDef methods[] = {{"springs", call_springs, METH_VARARGS, "See recursions.cpp."},
+                         {"links_ahead", call_links_ahead, METH_VARARGS, "See recursions.cpp."},
+                         {"behind_springs", call_behind_springs, METH_VARARGS, "See recursions.cpp."},
                          {"drive_step", call_drive_step, METH_VARARGS, "See recursions.cpp."},
                          {"drive_single", call_drive_single, METH_VARARGS, "See recursions.cpp."},
                          {nullptr, nullptr, 0, nullptr}};

@@ -17,8 +17,6 @@ _LOGS, _TURNS = 4, 5
 #: Stretches of a log, and the seconds of one at least.
 _STRETCHES = 12
 _SECONDS = 0.5
-#: Share of the squared error that a step of the fit to the others takes off at least.
-_ENOUGH = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +50,7 @@ def held_out(plant: DrivePlant, fit: Fitted, sizes: Array) -> HeldOut:
     squares = np.full(fit.residual.shape, np.nan)
     for number in range(int(turn.max()) + 1):
         other = turn == number
-        found = approached(plant, fit.values, sizes, fit.weights * ~other[:, None], fit.slopes, enough=_ENOUGH * fit.cost)
+        found = approached(plant, fit.values, sizes, fit.weights * ~other[:, None], fit.slopes)
         squares[other] = np.where(fit.weights[other] > 0, np.square(found.residual[other]), np.nan)
     logs = np.repeat(np.arange(len(plant.logs)), [len(log.t) for log in plant.logs])
     return HeldOut(squares, logs)

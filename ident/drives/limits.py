@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from .nearby import refitted
 from .plant import DrivePlant
-from .search import Fitted, refitted
+from .search import Fitted
 from .starts import largest_asked
 
 Array = np.ndarray
-#: Standard deviations by which a fit must be worse without a limit for there to be one: it is put where it takes most off.
-_SEEN = 4.0
+#: Standard deviations by which a fit is better with something that is there, where what it is was sought.
+SEEN = 4.5
 #: What stands for none, in times the largest torque that a log asks for.
 _NONE = 1e3
 
@@ -26,8 +27,8 @@ def without_unreached(plant: DrivePlant, fit: Fitted, sizes: Array) -> Fitted:
         if unknown.place != "effort_limit" or unknown.joint < 0:
             continue
         others = np.arange(len(fit.values)) != i
-        free = refitted(_unlimited(plant, unknown.joint), fit.values[others], sizes[others], fit.weights)
-        if free.cost - fit.cost < _SEEN**2 * fit.spread:
+        free = refitted(_unlimited(plant, unknown.joint), fit.values[others], sizes[others], fit.weights, fit.slopes[..., others])
+        if free.cost - fit.cost < SEEN**2 * fit.spread:
             values, slopes = np.empty(len(others)), np.zeros((*fit.residual.shape, len(others)))
             values[others], slopes[..., others] = free.values, free.slopes
             values[i] = _NONE * max(float(most[unknown.joint]), 1e-3)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._native.choice import compiled
 from ..regressor import rigid
 from ..simulation.rigid import RigidDynamics
 from .simulate import LaneDrives, LaneIntegrals, LinkTerms, SingleLink
@@ -66,9 +67,12 @@ class ElasticLinks:
     `elastic` (m,): their indices; `stiffness`, `twist` (B, m): N m/rad and N m s/rad in each lane. The encoder is the motor's."""
 
     def __init__(self, links: LinkTerms, n: int, elastic: Array, stiffness: Array, twist: Array) -> None:
-        self.links, self.n, self.elastic, self.stiffness, self.twist = links, n, elastic, stiffness, twist
+        self.links, self.n, self.elastic = links, n, elastic.astype(np.int64)
+        self.stiffness, self.twist = np.ascontiguousarray(stiffness), np.ascontiguousarray(twist)
         self.along = np.arange(n)
         self.along[elastic] = n + np.arange(len(elastic))
+        self._recursions = compiled("_recursions")  # None: NumPy does the same
+        self._links = np.empty((2, len(stiffness), n))
         # Where the links have no part it stays zero, step after step.
         self._inertia = np.zeros((len(stiffness), n + len(elastic), n + len(elastic)))
 
@@ -81,8 +85,15 @@ class ElasticLinks:
         return None if alone is None else replace(alone, stiffness=self.stiffness[:, 0], twist=self.twist[:, 0])
 
     def terms(self, q: Array, dq: Array) -> tuple[Array, Array]:
-        H, c = self.links.terms(q[:, self.along], dq[:, self.along])
         bias = np.empty(q.shape)
+        if self._recursions is not None:
+            sizes = len(q), self.n, len(self.elastic)
+            self._recursions.links_ahead(q, dq, self.elastic, self._links, *sizes)
+            H, c = self.links.terms(self._links[0], self._links[1])
+            given = np.ascontiguousarray(H), np.ascontiguousarray(c), q, dq, self.elastic, self.stiffness, self.twist
+            self._recursions.behind_springs(*given, self._inertia, bias, *sizes)
+            return self._inertia, bias
+        H, c = self.links.terms(q[:, self.along], dq[:, self.along])
         self._inertia[:, self.along[:, None], self.along] = H
         bias[:, self.along] = c
         torque = self.stiffness * (q[:, self.elastic] - q[:, self.n :]) + self.twist * (dq[:, self.elastic] - dq[:, self.n :])

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .descent import TRIED, SimulatedSearch
+from .descent import SETTLED, TRIED, SimulatedSearch
 from .plant import DrivePlant
-from .search import Fitted
+from .search import NEAR, Fitted
 from .starts import expected
 
 Array = np.ndarray
@@ -14,15 +14,17 @@ Array = np.ndarray
 _ANEW, _SHORT = 2, 0.3
 #: Damping of the first step, and beyond which there is none that leads further.
 _DAMPED, _STUCK = 1e-2, 1e6
+#: A step that lowers the cost by less than this share ends the way to a fit near by.
+_ENOUGH = 1e-4
+#: So much of what chance makes of the cost by one unknown is not worth a step.
+_HARDLY = 1e-2
 
 
-def approached(
-    plant: DrivePlant, values: Array, sizes: Array, weights: Array, slopes: Array, *, enough: float, steps: int = 10
-) -> Fitted:  # fmt: skip
+def approached(plant: DrivePlant, values: Array, sizes: Array, weights: Array, slopes: Array, *, steps: int = 10) -> Fitted:
     """The fit nearest to `values` (p,), where the simulation has derivatives `slopes` (N, n, p).
 
     Each step simulates a few sets of unknowns, and corrects the derivatives by what it sees (Broyden, 1965). Ends where a step lowers the
-    cost by less than `enough`."""
+    cost by next to nothing."""
     measured = np.concatenate([log.q for log in plant.logs])
     search = SimulatedSearch(plant, measured, sizes, weights, *expected(plant))
     values = np.maximum(values, search.lower)
@@ -47,11 +49,36 @@ def approached(
             values, residual, cost = sets[best], found[best], float(costs[best])
             damping = max(1e-9, float(damping * TRIED[best]))
             scale = np.maximum(np.abs(values), sizes)
-        if gain < _SHORT * predicted and predicted > enough and left:
+        if gain < _SHORT * predicted and predicted > _ENOUGH * cost and left:
             slopes, left = search.along(values, np.arange(len(values))), left - 1
         elif gain <= 0.0:
             damping *= 1e3
             settled = damping > _STUCK
         else:
-            settled = gain < enough
+            settled = gain < _ENOUGH * cost
     return Fitted(values, residual, slopes, weights, settled, used)
+
+
+def refitted(plant: DrivePlant, values: Array, sizes: Array, weights: Array, slopes: Array, *, steps: int = 15) -> Fitted:
+    """From near values (p,) on, where the simulation has derivatives `slopes` (N, n, p), with weights (N, n) that stay, as a fit ends:
+    costs of several models are then of one kind.
+
+    The search ends where a step gains little of what chance does: a residual that remembers says no more than its memory leaves."""
+    near = approached(plant, values, sizes, weights, slopes, steps=steps)
+    measured = np.concatenate([log.q for log in plant.logs])
+    search = SimulatedSearch(plant, measured, sizes, weights, *expected(plant))
+    little = float(np.clip(_HARDLY * near.spread / max(near.cost, 1e-300), SETTLED, NEAR))
+    values, _, settled, used = search.run(near.values, steps, little)
+    values, residual, slopes = search.fine().precise().ended(values)
+    return Fitted(values, residual, slopes, weights, settled, used)
+
+
+def followed(
+    plant: DrivePlant, values: Array, sizes: Array, weights: Array, *, steps: int, apart: Array | float = 0.0
+) -> tuple[float, Array]:  # fmt: skip
+    """Cost and values (p,) after a few steps from near values on.
+
+    `apart` (N, n): what residuals of smaller steps of time are more, where the search is to go on from an end of theirs."""
+    measured = np.concatenate([log.q for log in plant.logs]) - apart
+    values, cost, _, _ = SimulatedSearch(plant, measured, sizes, weights, *expected(plant)).run(values, steps, NEAR)
+    return cost, values

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from .._utils.singular_values import pinv
+from .nearby import followed
 from .plant import DrivePlant, joined
-from .search import Fitted, followed
+from .search import Fitted
 from .uncertainty import Precision
 
 Array = np.ndarray

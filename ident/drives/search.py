@@ -16,13 +16,15 @@ from .starts import expected
 
 Array = np.ndarray
 #: A step that lowers the cost by less than this share ends a coarse search.
-_NEAR = 1e-3
+NEAR = 1e-3
 #: So often all torque of single joints is scaled, and the search goes on from there.
 _RESCALED = 6
 #: While residuals count in units of the motion, not of their own size, what is expected counts so little.
 _COARSE = 1e-3
 #: Times as many steps lead to the end, where all of them are small.
 _LAST = 3
+#: Steps of a search at most.
+_STEPS = 40
 #: So many starts are followed for a few steps.
 _FOLLOWED, _SHORT = 3, 6
 #: Where a joint comes to rest makes valleys of their own: from the best end of a single joint, which is simulated in no time, dry friction
@@ -65,7 +67,7 @@ class Fitted:
 
 
 def fitted(
-    plant: DrivePlant, starts: Array, sizes: Array, *, counted: Array | None = None, narrower: Array | None = None, steps: int = 40,
+    plant: DrivePlant, starts: Array, sizes: Array, *, counted: Array | None = None, narrower: Array | None = None, steps: int = _STEPS,
     progress: Callable[[float], None] | None = None,
 ) -> Fitted:  # fmt: skip
     """From starts (S, p): the better ones are followed coarsely, the best to the end, then again with weights from its own residual: those
@@ -73,10 +75,42 @@ def fitted(
 
     `sizes` (p,): what is a usual size of each unknown. `counted` (N, n): which readings count; by default those that are no repeat.
     `narrower` (S, p): where models with less in them have ended; what is found is no worse than what is reached from the best of them."""
+    search = _by_motion(plant, sizes, counted)
+    best = _coarse_end(search, starts, narrower, steps)
+    if progress is not None:
+        progress(0.4)
+    others = () if narrower is None else (narrower[int(np.argmin(search.costs(narrower)))],)
+    ends = [search.run(start, steps) for start in (best, *others)]
+    values = min(ends, key=lambda end: end[1])[0]
+    fresh, spread = search.weights > 0.0, _spread(plant)
+    rms = rms_by_log(plant, search.residual(values), fresh)
+    search = replace(search, weights=fresh / np.maximum(rms, 1e-3 * spread), near=1.0).fine()
+    values, _, settled, used = search.run(values, _LAST * steps)
+    if progress is not None:
+        progress(1.0)
+    values, residual, slopes = search.precise().ended(values)
+    return Fitted(values, residual, slopes, search.weights, settled, used)
+
+
+def begun(plant: DrivePlant, starts: Array, sizes: Array, *, counted: Array | None = None, narrower: Array | None = None) -> Array:
+    """Where a fit's coarse search from starts (S, p) ends, (p,): near a minimum, with residuals in units of the motion."""
+    return _coarse_end(_by_motion(plant, sizes, counted), starts, narrower, _STEPS)
+
+
+def _spread(plant: DrivePlant) -> Array:
+    """Standard deviation (n,) of each joint's motion."""
+    return np.maximum(np.std(np.concatenate([log.q for log in plant.logs]), axis=0), 1e-6)
+
+
+def _by_motion(plant: DrivePlant, sizes: Array, counted: Array | None) -> SimulatedSearch:
+    """A search with residuals in units of the motion; `counted` (N, n): which readings count, by default those that are no repeat."""
     measured = np.concatenate([log.q for log in plant.logs])
     fresh = np.concatenate([log.fresh for log in plant.logs]) if counted is None else counted
-    spread = np.maximum(np.std(measured, axis=0), 1e-6)
-    search = SimulatedSearch(plant, measured, sizes, fresh / spread, *expected(plant), near=_COARSE)
+    return SimulatedSearch(plant, measured, sizes, fresh / _spread(plant), *expected(plant), near=_COARSE)
+
+
+def _coarse_end(search: SimulatedSearch, starts: Array, narrower: Array | None, steps: int) -> Array:
+    """The better starts followed for a few steps, the best of them to its end, all torque of single joints scaled."""
     coarse = search.coarse()
     starts = _composed(coarse, starts if narrower is None else np.concatenate([narrower, starts]))
     costs = coarse.costs(starts)
@@ -85,28 +119,17 @@ def fitted(
         raise DataError(
             "the simulation diverges from every starting point of the search: check the signs of commands and positions, and the gains."
         )
-    ends = [coarse.run(starts[i], _SHORT, _NEAR) for i in order]
+    ends = [coarse.run(starts[i], _SHORT, NEAR) for i in order]
     best = min(ends, key=lambda end: end[1])
-    best = coarse.run(best[0], steps, _NEAR)
+    best = coarse.run(best[0], steps, NEAR)
     for _ in range(_RESCALED):
         scaled = coarse.rescaled(best[0])
         if np.array_equal(scaled, best[0]):
             break
-        best = coarse.run(scaled, steps, _NEAR)
-    if plant.robot.n == 1:
-        best = min([best, *(coarse.run(hop, 2 * _SHORT, _NEAR) for hop in _hops(coarse, best[0]))], key=lambda end: end[1])
-    if progress is not None:
-        progress(0.4)
-    others = () if narrower is None else (narrower[int(np.argmin(search.costs(narrower)))],)
-    ends = [search.run(start, steps) for start in (best[0], *others)]
-    values = min(ends, key=lambda end: end[1])[0]
-    rms = rms_by_log(plant, search.residual(values), fresh)
-    search = replace(search, weights=fresh / np.maximum(rms, 1e-3 * spread), near=1.0).fine()
-    values, _, settled, used = search.run(values, _LAST * steps)
-    if progress is not None:
-        progress(1.0)
-    values, residual, slopes = search.precise().ended(values)
-    return Fitted(values, residual, slopes, search.weights, settled, used)
+        best = coarse.run(scaled, steps, NEAR)
+    if search.plant.robot.n == 1:
+        best = min([best, *(coarse.run(hop, 2 * _SHORT, NEAR) for hop in _hops(coarse, best[0]))], key=lambda end: end[1])
+    return best[0]
 
 
 def rms_by_log(plant: DrivePlant, residual: Array, counted: Array) -> Array:
@@ -152,26 +175,6 @@ def _hops(search: SimulatedSearch, values: Array) -> list[Array]:
         hop[places == "offset"] = 0.0
         out.append(np.maximum(hop, search.lower))
     return out
-
-
-def refitted(plant: DrivePlant, values: Array, sizes: Array, weights: Array, *, steps: int = 15) -> Fitted:
-    """From near values (p,) on, with weights (N, n) that stay, as a fit ends: costs of several models are then of one kind."""
-    measured = np.concatenate([log.q for log in plant.logs])
-    search = SimulatedSearch(plant, measured, sizes, weights, *expected(plant))
-    values, _, settled, used = search.run(values, steps)
-    values, residual, slopes = search.fine().precise().ended(values)
-    return Fitted(values, residual, slopes, weights, settled, used)
-
-
-def followed(
-    plant: DrivePlant, values: Array, sizes: Array, weights: Array, *, steps: int, apart: Array | float = 0.0
-) -> tuple[float, Array]:  # fmt: skip
-    """Cost and values (p,) after a few steps from near values on.
-
-    `apart` (N, n): what residuals of smaller steps of time are more, where the search is to go on from an end of theirs."""
-    measured = np.concatenate([log.q for log in plant.logs]) - apart
-    values, cost, _, _ = SimulatedSearch(plant, measured, sizes, weights, *expected(plant)).run(values, steps, _NEAR)
-    return cost, values
 
 
 def derivatives(plant: DrivePlant, values: Array, sizes: Array, own: Array) -> Array:

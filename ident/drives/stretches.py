@@ -19,8 +19,8 @@ Array = np.ndarray
 _SECONDS, _FEW = 0.5, 6
 #: Share of a joint's whole motion that makes a stretch one with motion.
 _MOVES = 0.05
-#: Rounds of weights at most, the change of a weight that ends them, and the share of the squared error that a step is to take off.
-_ROUNDS, _SAME, _ENOUGH = 6, 0.02, 1e-4
+#: Rounds of weights at most, and the change of a weight that ends them.
+_ROUNDS, _SAME = 6, 0.02
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def _lighter(plant: DrivePlant, fit: Fitted, sizes: Array, which: Sequence[Array
         for own, some in zip(_stretches(plant, replace(fit, weights=plain)), which, strict=True):
             share = np.where(some, np.minimum(1.0, 1.0 / np.maximum(own.times, 1e-300)), 1.0)
             weights[own.rows, own.joint] *= share[own.number]
-        fit = approached(plant, fit.values, sizes, weights, fit.slopes, enough=_ENOUGH * float(np.sum(np.square(fit.residual * weights))))
+        fit = approached(plant, fit.values, sizes, weights, fit.slopes)
         if np.max(np.abs(weights - before) / np.maximum(plain, 1e-300)) < _SAME:
             break
     return fit

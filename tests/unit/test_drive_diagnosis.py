@@ -14,11 +14,11 @@ from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
 from benchmarks.actuators.servos import URDF, recorded, servo
 from ident.cli import main
 from ident.diagnosis.drives import diagnose_drives
-from ident.diagnosis.drives.candidates import DriveCandidate, same_motion, values_in
+from ident.diagnosis.drives.candidates import DriveCandidate, same_motion
 from ident.diagnosis.drives.result import DriveFinding
 from ident.diagnosis.drives.revision import Accepted, needed
 from ident.diagnosis.drives.screening import Screened
-from ident.diagnosis.drives.trials import Stage, settled
+from ident.diagnosis.drives.trials import Stage, settled, with_candidate
 from ident.drives import DriveLaw
 from ident.drives.plant import DrivePlant
 from ident.drives.search import fitted
@@ -114,9 +114,7 @@ def test_a_finding_keeps_the_joints_on_which_it_counts_in_the_end(wrong_knee):
     at, sizes = starts(plant)
     stage, inertia = Stage(plant, fitted(plant, at, sizes), sizes), moved_inertia(plant)
     one = Screened(DriveCandidate("kp", "kp"), (0, 1), np.zeros(2), 0.5)
-    wider = one.candidate.added_to(plant, one.joints)
-    values, wide, _ = values_in(wider, plant, stage.fit.values, one.candidate, inertia)
-    kept, after = settled(stage, one, Stage(wider, replace(stage.fit, values=values), wide), plant.step, inertia)
+    kept, after = settled(stage, one, with_candidate(stage, one, inertia), plant.step, inertia)
     assert kept.joints == (1,)
     assert [u.name for u in after.plant.unknowns if u.place == "kp"] == ["kp_knee"]
 

@@ -71,11 +71,11 @@ def diagnose_drives(
     accepted: list[Accepted] = []
     afar = True
     for _ in range(_ROUNDS):
+        if len(accepted) == _FINDINGS:
+            break
         quick = now.quickened()
         found = [tried(quick, one, inertia) for one in screened(quick.plant, quick.fit, inertia)[:_FITTED]]
         better = believed(quick, [one for one in found if one is not None])
-        if not better or len(accepted) == _FINDINGS:
-            break
         ends = [end for one, stage in better if (end := settled(quick, one, stage, plant.step, inertia)) is not None]
         if not ends:
             break

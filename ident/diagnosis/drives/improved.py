@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...drives.nearby import approached, refitted
 from ...drives.residual import FORETOLD, left_over
-from ...drives.search import fitted, refitted
+from ...drives.search import begun, derivatives
 from ...drives.starts import starts
 from ...drives.stretches import shares, steadied
 from .screening import Screened
-from .trials import STEPS, Stage
+from .trials import STEPS, Stage, gained
 
 
 def from_afar(stage: Stage, ends: list[tuple[Screened, Stage]]) -> tuple[list[tuple[Screened, Stage]], bool]:
@@ -25,10 +26,13 @@ def from_afar(stage: Stage, ends: list[tuple[Screened, Stage]]) -> tuple[list[tu
 
 
 def _from_afar(stage: Stage, after: Stage) -> Stage:
-    ends = fitted(after.plant, *starts(after.plant), narrower=after.fit.values[None])
-    found = refitted(after.plant, ends.values, after.sizes, stage.fit.weights, steps=STEPS)
-    better = np.sum(np.log(np.maximum(found.rms, 1e-12))) < np.sum(np.log(np.maximum(after.fit.rms, 1e-12)))
-    return Stage(after.plant, found, after.sizes) if better else after
+    plant, sizes, weights = after.plant, after.sizes, stage.fit.weights
+    at = begun(plant, *starts(plant), narrower=after.fit.values[None])
+    near = approached(plant, at, sizes, weights, derivatives(plant, at, sizes, np.arange(len(at))), steps=STEPS)
+    if not gained(after.in_its_steps(), replace(after, fit=near)):
+        return after
+    found = refitted(plant, near.values, sizes, weights, near.slopes, steps=STEPS)
+    return replace(after, fit=found) if found.cost < after.fit.cost else after
 
 
 def reweighed(stage: Stage) -> Stage:
@@ -37,5 +41,8 @@ def reweighed(stage: Stage) -> Stage:
     plant, sizes, light = stage.plant, stage.sizes, shares(stage.plant, stage.fit.weights)
     rms = np.sqrt(np.sum(np.square(stage.fit.residual * light), axis=0) / np.maximum(np.sum(light**2, axis=0), 1))
     counted = (stage.fit.weights > 0) / np.maximum(rms, 1e-12)
-    fit = refitted(plant, stage.fit.values, sizes, counted, steps=STEPS)
-    return replace(stage, fit=steadied(plant, fit, sizes) if np.any((light > 0.0) & (light < 1.0)) else fit)
+    if not np.any((light > 0.0) & (light < 1.0)):
+        return replace(stage, fit=refitted(plant, stage.fit.values, sizes, counted, stage.fit.slopes, steps=STEPS))
+    near = approached(plant, stage.fit.values, sizes, counted, stage.fit.slopes, steps=STEPS)
+    fit = steadied(plant, near, sizes)
+    return replace(stage, fit=refitted(plant, near.values, sizes, counted, near.slopes, steps=STEPS) if fit is near else fit)

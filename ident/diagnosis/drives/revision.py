@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...drives.nearby import approached
-from ...drives.plant import DrivePlant, joined
-from ...drives.search import refitted
+from ...drives.nearby import approached, refitted
+from ...drives.plant import DrivePlant
 from .result import DriveFinding
 from .screening import Screened
 from .trials import STEPS, Stage, gained, with_candidate
@@ -17,8 +16,6 @@ from .trials import STEPS, Stage, gained, with_candidate
 Array = np.ndarray
 #: Squared standard deviations below which one model is as good as another.
 ALIKE = 9.0
-#: Share of the squared error that a step of a fit with less in it takes off at least.
-_ENOUGH = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,26 +33,17 @@ def needed(declared: DrivePlant, now: Stage, accepted: Sequence[Accepted]) -> tu
     kept = list(accepted)
     for one in accepted:
         rest = [other for other in kept if other is not one]
-        # One alone was found by its gain; whether it is one at these weights, a few steps tell.
-        without = _of(declared, now, rest) if rest else _near(declared, now)
-        if not gained(without, now if rest else _coarse(now)):
-            kept, now = rest, without if rest else _of(declared, now, rest)
+        # A few steps end no lower than a search does: what they show to be needless is.
+        if not gained(_near(_with(declared, rest), now), now.in_its_steps()):
+            kept, now = rest, _of(declared, now, rest)
     return kept, now
 
 
-def _near(declared: DrivePlant, now: Stage) -> Stage:
-    """The declared model, a few steps from where one with more in it has ended."""
-    at = _numbers(declared, now)
-    fit = approached(
-        declared, now.fit.values[at], now.sizes[at], now.fit.weights, now.fit.slopes[..., at], enough=_ENOUGH * now.fit.cost
-    )  # fmt: skip
-    return Stage(declared, fit, now.sizes[at])
-
-
-def _coarse(now: Stage) -> Stage:
-    """The same fit with its residual in usual steps of time."""
-    measured = np.concatenate([log.q for log in now.plant.logs])
-    return replace(now, fit=replace(now.fit, residual=joined(now.plant.positions(now.fit.values))[0] - measured))
+def _near(plant: DrivePlant, now: Stage) -> Stage:
+    """A model, a few steps from where one with more in it has ended."""
+    at = _numbers(plant, now)
+    fit = approached(plant, now.fit.values[at], now.sizes[at], now.fit.weights, now.fit.slopes[..., at], steps=STEPS)
+    return Stage(plant, fit, now.sizes[at])
 
 
 def _numbers(plant: DrivePlant, now: Stage) -> list[int]:
@@ -77,7 +65,7 @@ def with_rivals(declared: DrivePlant, now: Stage, accepted: Sequence[Accepted], 
             without = _of(declared, now, [other for other in accepted if other is not one])
             for rival in tried:
                 beside = with_candidate(without, rival, inertia)
-                found = refitted(beside.plant, beside.fit.values, beside.sizes, now.fit.weights, steps=STEPS)
+                found = refitted(beside.plant, beside.fit.values, beside.sizes, now.fit.weights, beside.fit.slopes, steps=STEPS)
                 if not found.cost - now.fit.cost < ALIKE * now.fit.spread:
                     gone.add(rival.candidate.name)
         left = tuple(rival for rival in one.finding.rivals if rival.effect not in gone)
@@ -89,9 +77,15 @@ def with_rivals(declared: DrivePlant, now: Stage, accepted: Sequence[Accepted], 
 
 def _of(declared: DrivePlant, now: Stage, kept: Sequence[Accepted]) -> Stage:
     """The model with these alone, fitted from where all of them have ended."""
+    plant = _with(declared, kept)
+    own = _numbers(plant, now)
+    fit = refitted(plant, now.fit.values[own], now.sizes[own], now.fit.weights, now.fit.slopes[..., own], steps=STEPS)
+    return Stage(plant, fit, now.sizes[own])
+
+
+def _with(declared: DrivePlant, kept: Sequence[Accepted]) -> DrivePlant:
+    """The declared plant with these in it."""
     plant = declared
     for other in kept:
         plant = other.one.candidate.added_to(plant, other.one.joints)
-    own = _numbers(plant, now)
-    fit = refitted(plant, now.fit.values[own], now.sizes[own], now.fit.weights, steps=STEPS)
-    return Stage(plant, fit, now.sizes[own])
+    return plant

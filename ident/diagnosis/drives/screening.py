@@ -8,6 +8,7 @@ import numpy as np
 
 from ..._utils.singular_values import lstsq, svd
 from ...drives.folds import turns
+from ...drives.limits import SEEN
 from ...drives.plant import DrivePlant, joined
 from ...drives.residual import FORETOLD, structure
 from ...drives.search import Fitted, derivatives
@@ -18,7 +19,7 @@ Array = np.ndarray
 #: Standard deviations from which on a candidate is worth a fit, or the share of the squared error of readings held out that it takes off:
 #: where a constant is far off, what one step leaves is no noise, and its size in standard deviations says little. What takes less off than
 #: the last is none.
-SIGNIFICANT, _GAIN, LEAST = 4.5, 0.02, 0.01
+SIGNIFICANT, _GAIN, LEAST = SEEN, 0.02, 0.01
 _DOUBTED = ("kp", "kd", "delay_s", "load", "gear_loss", "effort_limit", "deadband")
 #: Share of a direction that the fitted unknowns must leave over, for it to be one of its own.
 _OWN = 1e-4

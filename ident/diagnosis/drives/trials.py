@@ -9,9 +9,9 @@ import numpy as np
 
 from ..._utils.singular_values import pinv
 from ...drives.folds import held_out
-from ...drives.nearby import approached
+from ...drives.nearby import approached, refitted
 from ...drives.plant import DrivePlant, joined
-from ...drives.search import Fitted, derivatives, refitted
+from ...drives.search import Fitted, derivatives
 from ...drives.uncertainty import Precision
 from .candidates import values_in
 from .screening import LEAST, SIGNIFICANT, Screened
@@ -25,8 +25,6 @@ STEPS = 30
 _UNCHANGED, _LARGEST = 1e-2, 2.5e-3
 #: Share of the squared error that says more than its size in standard deviations, where what is left is no noise.
 _LARGE = 0.1
-#: Share of the squared residual that a step of a trial takes off at least.
-_ENOUGH = 1e-4
 #: Standard deviations by which a candidate on a joint differs from what was declared, where it counts there.
 _COUNTS = 3.0
 #: So many of the best are held against readings that they were not fitted to.
@@ -41,6 +39,11 @@ class Stage:
     fit: Fitted
     sizes: Array
 
+    def in_its_steps(self) -> Stage:
+        """The same with its residual in the plant's steps of time: what a fit ends with is of smaller ones."""
+        measured = np.concatenate([log.q for log in self.plant.logs])
+        return replace(self, fit=replace(self.fit, residual=joined(self.plant.positions(self.fit.values))[0] - measured))
+
     def quickened(self) -> Stage:
         """The same in steps of time as large as leave its residual what it is, fitted in these."""
         period = min(log.period for log in self.plant.logs)
@@ -50,7 +53,7 @@ class Stage:
         change = joined(plant.positions(self.fit.values))[0] - measured - self.fit.residual
         if not np.sum(np.square(change * self.fit.weights)) < _UNCHANGED * self.fit.cost:
             plant = self.plant
-        near = approached(plant, self.fit.values, self.sizes, self.fit.weights, self.fit.slopes, enough=_ENOUGH * self.fit.cost)
+        near = approached(plant, self.fit.values, self.sizes, self.fit.weights, self.fit.slopes)
         return replace(self, plant=plant, fit=near)
 
 
@@ -80,7 +83,7 @@ def with_candidate(stage: Stage, one: Screened, inertia: Array) -> Stage:
     slopes = np.empty((*stage.fit.residual.shape, len(at)))
     slopes[..., ~own] = stage.fit.slopes[..., [known[u.name] for u, new in zip(wider.unknowns, own, strict=True) if not new]]
     slopes[..., own] = derivatives(wider, at, sizes, np.flatnonzero(own))
-    found = approached(wider, at, sizes, stage.fit.weights, slopes, enough=_ENOUGH * stage.fit.cost)
+    found = approached(wider, at, sizes, stage.fit.weights, slopes)
     return Stage(wider, found, sizes)
 
 
@@ -109,12 +112,11 @@ def _without(stage: Stage, one: Screened, after: Stage, joint: int, refit: Refit
 
 
 def _approached(plant: DrivePlant, after: Stage, at: list[int]) -> Fitted:
-    enough = _ENOUGH * after.fit.cost
-    return approached(plant, after.fit.values[at], after.sizes[at], after.fit.weights, after.fit.slopes[..., at], enough=enough)
+    return approached(plant, after.fit.values[at], after.sizes[at], after.fit.weights, after.fit.slopes[..., at])
 
 
 def _refitted(plant: DrivePlant, after: Stage, at: list[int]) -> Fitted:
-    return refitted(plant, after.fit.values[at], after.sizes[at], after.fit.weights, steps=STEPS)
+    return refitted(plant, after.fit.values[at], after.sizes[at], after.fit.weights, after.fit.slopes[..., at], steps=STEPS)
 
 
 def _quick(after: Stage) -> Array:
@@ -152,7 +154,8 @@ def settled(stage: Stage, one: Screened, after: Stage, step: float, inertia: Arr
     `stage`: without it; `after`: with it."""
     while True:
         plant = replace(after.plant, step=step)
-        after = replace(after, plant=plant, fit=refitted(plant, after.fit.values, after.sizes, after.fit.weights, steps=STEPS))
+        after = replace(after, plant=plant)
+        after = replace(after, fit=_refitted(plant, after, list(range(len(after.sizes)))))
         counts = _counting(stage, one, after, _final, _refitted)
         if not counts:
             return None
