@@ -32,6 +32,11 @@ _INDEXED = re.compile(r"\[\d+\]$")
 _DIMENSIONS = {"angle": "q", "rate": "dq", "acceleration": "ddq", "torque": "tau", "current": "i"}
 #: Dimensions that joints of one robot may have side by side.
 _ALIKE = ({"angle", "length"}, {"rate", "speed"}, {"acceleration", "linear acceleration"}, {"torque", "force"}, {"current"})
+#: What a column holds that is a joint's name and a unit.
+_BY_UNIT = {
+    "angle": "position", "length": "position", "rate": "velocity", "speed": "velocity", "torque": "torque", "force": "torque",
+    "current": "current",
+}  # fmt: skip
 #: Names of a frame's axes, which are no joints' where no robot says so.
 _AXES = {"x", "y", "z", "rx", "ry", "rz", "roll", "pitch", "yaw"} | NOT_JOINTS - {"base"}
 #: What the symbols of angles and ways, of torques and forces stand for: joints of both kinds may be written side by side.
@@ -76,7 +81,16 @@ def groups(
         out = _of_any_numbers(stems, units, out)
     if not any(g.quantity == "q" for g in out):
         out += [made for name in names if (made := _group(name, [(0, name, "")], units, ""))]
+    if not any(g.quantity == "q" for g in out) and (made := _named_after_joints(names, joints, units)):
+        out.append(made)
     return out
+
+
+def _named_after_joints(names: Sequence[str], joints: Sequence[str] | None, units: Mapping[str, str]) -> ChannelGroup | None:
+    """Positions where nothing else holds any: a column of each joint of the robot, with nothing but its name."""
+    members = [(j, name, joint) for j, joint in enumerate(joints or ()) for name in names if bare_name(name) == bare_name(joint)]
+    whole = bool(joints) and len({j for j, *_ in members}) == len(members) == len(joints or ())
+    return _group("position", members, units, "") if whole else None
 
 
 def _of_any_numbers(
@@ -151,6 +165,8 @@ def _around_names(
             bare, suffix = split_unit(name)
             if suffix and bare_name((shorter := _parts(bare, known))[2]) in known:
                 (parts, said, joint), unit = shorter, suffix
+        if not said and known and unit and bare_name(joint) in known and is_unit(unit):  # elbow_deg, lift_mm, elbow [N m]
+            said = [word] if (word := _BY_UNIT.get(unit_of(unit).dimension)) else said
         told_by_unit = bool(said and known and unit and is_unit(unit)) and any(unit_of(unit).dimension in x for x in _ALIKE)
         named = (told_by_unit or any(english(part.lower()) in QUANTITIES for part in said)) and any(map(str.isalpha, joint))
         sides = not known and all(english(part.lower()) in _SIDES for part in parts if part not in said)

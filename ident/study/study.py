@@ -19,6 +19,7 @@ from ..problem.integrated import FORMULATIONS, TORQUE
 from ..robots.description import Description
 from ..robots.tables import DriveTable, RobotTable, read_drive, read_loop
 from ..signals.preparation import Preparation, make_preparation
+from .misplaced import refuse_misplaced
 from .paths import all_files, expanded, from_folder, relative
 from .tables import LogsTable, Strategy, column_entry, logs_table, strategy
 
@@ -241,7 +242,7 @@ def read_study(path: str | Path) -> Study:
     Raises
     ------
     ConfigurationError
-        No such file, not TOML, unknown tables or keys (with the nearest), wrong types.
+        No such file, not TOML, unknown tables or keys (with the nearest, or the table where they belong), wrong types.
 
     Examples
     --------
@@ -254,7 +255,9 @@ def read_study(path: str | Path) -> Study:
     path = Path(path)
     where = f"study {path}"
     schema = dict.fromkeys(("plugins", "robot", "drive", "loop", "logs", "signals", "estimator", "columns"), anything)
-    data = check_table(load_toml(path, "study"), schema, "", where)
+    found = load_toml(path, "study")
+    refuse_misplaced(found, schema, where)
+    data = check_table(found, schema, "", where)
     plugins = check_table(data.get("plugins", {}), {"modules": texts}, "plugins", where).get("modules", ())
     load_modules(plugins, path.parent, f"{where}: [plugins]")
     logs = logs_table(data.get("logs", {}), path.parent, where)

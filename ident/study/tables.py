@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .._utils.toml import anything, check_table, number, text, texts
 from ..errors import ConfigurationError
 from .paths import from_folder
 
-if TYPE_CHECKING:
-    pass
+#: Keys of `[logs]`.
+LOGS = {"fit": texts, "validate": texts, "missing": text, "rate_hz": number, "recorders": texts}
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,7 @@ class Strategy:
 
 def logs_table(data: Any, folder: Path, where: str) -> LogsTable:
     """The `[logs]` table of a study in `folder`."""
-    kinds = {"fit": texts, "validate": texts, "missing": text, "rate_hz": number, "recorders": texts}
-    logs = check_table(data, kinds, "logs", where)
+    logs = check_table(data, LOGS, "logs", where)
     missing, rate_hz = logs.pop("missing", None), logs.pop("rate_hz", None)
     files = {key: tuple(from_folder(folder, entry) for entry in entries) for key, entries in logs.items()}
     return LogsTable(**files, missing=missing, rate_hz=rate_hz)

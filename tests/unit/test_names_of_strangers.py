@@ -141,7 +141,8 @@ def test_garbled_names_do_not_fill_the_message(name: str, tmp_path: Path) -> Non
     ("position", "torque"),
     [
         ("{}_pos_deg", "{}_torque_Nm"), ("pos_{}_deg", "tau_{}_mNm"), ("{}_q_deg", "{}_tau_Nm"), ("{}_angle_deg", "{}_effort_nm"),
-        ("{}_pos_rad", "{}_torque"), ("{}_position_mrad", "{}_torque_Nmm"),
+        ("{}_pos_rad", "{}_torque"), ("{}_position_mrad", "{}_torque_Nmm"), ("{}_deg", "{}_Nm"), ("{} [rad]", "{} [Nm]"),
+        ("{}", "{}_torque"), ("{}", "torque {}"),
     ],
 )  # fmt: skip
 def test_a_robots_joints_are_found_before_a_unit_and_in_its_order(position: str, torque: str, tmp_path: Path) -> None:

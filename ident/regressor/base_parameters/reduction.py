@@ -87,7 +87,7 @@ def reduce_columns(columns: Array, parameters: tuple[Parameter, ...], order: lis
     unit = np.divide(R, scale, out=np.zeros_like(R), where=~zero)
     live = [i for i in order if not zero[i]]
     # What rounds a column is of the size of the largest, from whose terms it is made: of a faint one that is a large share.
-    rounding = _ROUNDING * scale.max(initial=0.0) / np.maximum(scale, 1e-300)
+    rounding = np.divide(_ROUNDING * scale.max(initial=0.0), scale, out=np.full_like(scale, np.inf), where=~zero)
     kept, _, distance = _orthogonalise(unit, live, np.maximum(1e-8, rounding))
     threshold, gap, notes = _threshold(distance, [parameters[i].name for i in live])
     if abs(np.log10(threshold / 1e-8)) > 1e-9:
