@@ -12,6 +12,9 @@ from .starts import expected
 Array = np.ndarray
 #: Derivatives are recomputed at most so many times: where a step reaches less than this share of the decrease that they predict.
 _ANEW, _SHORT = 2, 0.3
+#: Derivatives along so few unknowns cost no more than a step does: they are made anew in each. Where a joint comes to rest, what steps show
+#: is rough, and derivatives that were corrected by it end in a valley beside.
+_FEW = 2 * len(TRIED)
 #: Damping of the first step, and beyond which there is none that leads further.
 _DAMPED, _STUCK = 1e-2, 1e6
 #: A step that lowers the cost by less than this share ends the way to a fit near by.
@@ -23,8 +26,8 @@ _HARDLY = 1e-2
 def approached(plant: DrivePlant, values: Array, sizes: Array, weights: Array, slopes: Array, *, steps: int = 10) -> Fitted:
     """The fit nearest to `values` (p,), where the simulation has derivatives `slopes` (N, n, p).
 
-    Each step simulates a few sets of unknowns, and corrects the derivatives by what it sees (Broyden, 1965). Ends where a step lowers the
-    cost by next to nothing."""
+    Each step simulates a few sets of unknowns, and corrects the derivatives by what it sees (Broyden, 1965); of few unknowns it makes
+    them anew. Ends where a step lowers the cost by next to nothing."""
     measured = np.concatenate([log.q for log in plant.logs])
     search = SimulatedSearch(plant, measured, sizes, weights, *expected(plant))
     values = np.maximum(values, search.lower)
@@ -49,7 +52,9 @@ def approached(plant: DrivePlant, values: Array, sizes: Array, weights: Array, s
             values, residual, cost = sets[best], found[best], float(costs[best])
             damping = max(1e-9, float(damping * TRIED[best]))
             scale = np.maximum(np.abs(values), sizes)
-        if gain < _SHORT * predicted and predicted > _ENOUGH * cost and left:
+        if gain > 0.0 and len(values) <= _FEW:
+            slopes = search.along(values, np.arange(len(values)))
+        if gain < _SHORT * predicted and predicted > _ENOUGH * cost and left and len(values) > _FEW:
             slopes, left = search.along(values, np.arange(len(values))), left - 1
         elif gain <= 0.0:
             damping *= 1e3
