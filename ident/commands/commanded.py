@@ -12,7 +12,7 @@ from ..drives.fit import notes_of
 from ..drives.plant import DrivePlant
 from ..drives.residual import require_motion
 from ..drives.seen import seen_in
-from ..drives.space import drive_logs
+from ..drives.space import drive_logs, require_used_patterns
 from ..errors import ConfigurationError
 from ..logs.reading import read_logs
 from ..study.session import HELD_SHARE
@@ -62,7 +62,9 @@ def read_commanded(study: Study) -> tuple[Robot, DriveLaw, LogSet]:
     robot = study.robot()
     law = study.drive_law(robot)
     assert law is not None
-    return robot, law, _read(study, robot, study.fit_files())
+    recorded = _read(study, robot, study.fit_files())
+    require_used_patterns(law, [*recorded.names, *(file.name.split(".")[0] for file in study.validation_files())])
+    return robot, law, recorded
 
 
 def split_commanded(study: Study, robot: Robot, recorded: LogSet) -> tuple[LogSet, LogSet]:

@@ -12,10 +12,12 @@ import numpy as np
 
 from .._utils.text import counted
 from ..errors import DataError
+from ..logs.command_columns import COMMAND
 from ..logs.units import split_unit, unit_of
 from .clock import equal_steps
 from .first_state import first_state
-from .law import DriveLaw, SupplyForm, VelocityCommand
+from .instants import rows_of_a_command
+from .law import CommandForm, DriveLaw, SupplyForm, VelocityCommand
 from .turns import joined_turns, of_the_same_turn
 
 if TYPE_CHECKING:
@@ -23,7 +25,8 @@ if TYPE_CHECKING:
     from ..robots.robot import Robot
 
 Array = np.ndarray
-_COLUMN = re.compile(r"^(?P<what>q_cmd|dq_cmd|tau_ff|torque_enable|supply|voltage)_?(?P<joint>[0-9]+)$", re.IGNORECASE)
+#: Desired motion, of which a log that holds no commands may have told.
+_DESIRED = re.compile(r"^q_ref(?P<joint>[0-9]+)$")
 #: Steps of an encoder that a joint moves from one sample to the next but one where a repeated reading is none of a joint at rest.
 _FEW = 4
 
@@ -35,7 +38,7 @@ class DriveLog:
     `t` (N,) s from the first sample; `q` (N, n); `q_cmd`, `dq_cmd`, `tau_ff` (N, n): commands (of law "voltage": `tau_ff` is the voltage,
     V, the others are 0); `enabled` (N, n): share of the torque that is switched on; `supply` (N, n) V, None where the law needs none;
     `origin`, `start` (n,): first position and speed; `later`: whether the recording began before; `kept` (rows of the recording,): which
-    of them these are; `notes`: what was made of commands and positions."""
+    of them these are; `notes`: what was made of commands and positions; `stays`: rows for which a command usually stays."""
 
     name: str
     t: Array
@@ -50,6 +53,12 @@ class DriveLog:
     later: bool = False
     kept: Array = field(default_factory=lambda: np.zeros(0, bool))
     notes: tuple[str, ...] = ()
+    stays: float = 1.0
+
+    @property
+    def lateness(self) -> float:
+        """Seconds by which commands may have been sent before the row that first holds them, where the log does not tell."""
+        return self.period if self.stays > 1.0 else 0.0
 
     @cached_property
     def fresh(self) -> Array:
@@ -71,14 +80,15 @@ class DriveLog:
         q, turned = joined_turns(logged, robot)
         good = np.isfinite(q).all(axis=1)
         columns = commanded(log.extra, robot)
+        desired = [] if not law.sends_positions or "q_cmd" in columns else [key for key in log.extra if _DESIRED.match(key)]
+        if desired:
+            columns |= commanded({key.replace("q_ref", "q_cmd"): log.extra[key] for key in desired}, robot)
         _require(log.name, {what: array[good] for what, array in columns.items()}, robot, law)
         if law.kind == "voltage":
             columns = {"tau_ff": columns["voltage"], **{k: x for k, x in columns.items() if k == "torque_enable"}}
         t = equal_steps(log.t[good], q[good])
         unsteady = [] if np.array_equal(t, log.t[good]) else [_unsteady(log.t[good] - t)]
         t = t - t[0]
-        lacking = _missing(log.name, {what: array[good] for what, array in columns.items()}, robot)
-        notes = (*(f"log {log.name}: {said}" for said in (*turned, *unsteady)), *lacking)
         got = {what: _held(array[good]) for what, array in columns.items()}
         none = np.zeros_like(q[good])
         q_cmd = of_the_same_turn(got["q_cmd"], q[good], robot, logged[good]) if "q_cmd" in got else none
@@ -94,7 +104,12 @@ class DriveLog:
         if rate is not None and np.isfinite(rate[good][0]).all():
             first = np.where(first == 0.0, 0.0, rate[good][0])
         later = bool(log.t[0] > log.began)
-        return cls(log.name, t, q[good], q_cmd, speed, got.get("tau_ff", none), enabled, supply, origin, first, later, good, notes)
+        lacking = _missing(log.name, {what: array[good] for what, array in columns.items()}, robot)
+        stays = rows_of_a_command(q_cmd) if law.sends_positions and law.command == CommandForm.STAIRCASE else 1.0
+        told = [_unknown_instants(stays, t)] if stays > 1.0 else []
+        for_commands = ["it has no position commands; its desired motion is taken for them."] if desired else []
+        notes = (*(f"log {log.name}: {said}" for said in (*turned, *unsteady, *for_commands, *told)), *lacking)
+        return cls(log.name, t, q[good], q_cmd, speed, got.get("tau_ff", none), enabled, supply, origin, first, later, good, notes, stays)
 
     @property
     def period(self) -> float:
@@ -145,7 +160,7 @@ def commanded(extra: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
         if stem.lower() == "supply":
             shared = np.asarray(values, float) * (1.0 if suffix is None else unit_of(suffix).scale)
             continue
-        match = _COLUMN.match(stem) or _COLUMN.match(column.strip())
+        match = COMMAND.match(stem) or COMMAND.match(column.strip())
         if match is None:
             continue
         scale = 1.0 if suffix is None else unit_of(suffix).scale
@@ -180,6 +195,16 @@ def _unsteady(apart: Array) -> str:
     """A note of stamps that are `apart` (N,) from the equal steps that are taken for them."""
     rms = 1e3 * float(np.std(apart))
     return f"times differ from equal steps by {rms:.2g} ms (rms), and positions are smoother along equal ones, which are used."
+
+
+def _unknown_instants(rows: float, t: Array) -> str:
+    """A note of commands that stay for several `rows`."""
+    period = float(np.median(np.diff(t)))
+    return (
+        f"commands change every {rows:.3g} rows (about {1.0 / (rows * period):.3g} Hz), so each was sent at some time between two rows: the"
+        f" delay may be up to {1e3 * period:.3g} ms longer than the value, and its interval holds that. Log commands with the time at which"
+        " they were sent, or more rows."
+    )
 
 
 def _longest(flags: Array) -> int:

@@ -95,7 +95,9 @@ def finished(plant: DrivePlant, found: Fitted, sizes: Array, inputs: tuple[dict[
     told = tuple(one.text(plant.robot.joint_names[one.joint]) for one in unexplained(plant, found))
     fit = result_of(plant, found, sizes, inputs)
     warnings = (*fit.warnings, *scale_of_gains(plant), *notes_of(plant), *told, *above_noise(plant, found))
-    return replace(fit, delay_ends=delay_profiles(plant, found, sizes, precision), warnings=warnings)
+    late = max(log.lateness for log in plant.logs)
+    ends = {name: (low, high + late) for name, (low, high) in delay_profiles(plant, found, sizes, precision).items()}
+    return replace(fit, delay_ends=ends, warnings=warnings)
 
 
 def notes_of(plant: DrivePlant) -> tuple[str, ...]:
@@ -120,6 +122,9 @@ def result_of(plant: DrivePlant, found: Fitted, sizes: Array, inputs: tuple[dict
     period = max(log.period for log in plant.logs)
     decided = determination(plant.unknowns, found.values, precision, period)
     covariance = precision.covariance(np.arange(len(found.values))) * np.outer(precision.scale, precision.scale)
+    # Commands whose instants are not known: the delay is longer by anything up to a row.
+    late = [i for i, u in enumerate(plant.unknowns) if u.place == "delay_s"]
+    covariance[late, late] += max(log.lateness for log in plant.logs) ** 2 / 3.0
     doubts = doubtful_sizes(plant.unknowns, found.values, covariance)
     return DriveFit(
         plant.model,

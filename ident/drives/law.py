@@ -267,11 +267,17 @@ class DriveLaw:
         """Whether some joint's constant is to be identified."""
         return bool(np.isnan(self.constants[key]).any())
 
+    @staticmethod
+    def of_log(pattern: str, name: str) -> bool:
+        """Whether a pattern of `by_log` is that of a log, by its name, or by that of the run that it is a part of."""
+        run = run_of(name)
+        return pattern in (name, run) or fnmatch(name, pattern) or fnmatch(run, pattern)
+
     def for_log(self, name: str) -> DriveLaw:
         """The law of one log, by its name, or by that of the run that it is a part of."""
-        law, run = self, run_of(name)
+        law = self
         for pattern, table in self.by_log.items():
-            if pattern in (name, run) or fnmatch(name, pattern) or fnmatch(run, pattern):
+            if self.of_log(pattern, name):
                 law = replace(law, constants={**law.constants, **table["constants"]}, **table["forms"])
         return law
 

@@ -68,7 +68,7 @@ def require_motion(plant: DrivePlant) -> None:
         names = ", ".join(log.name for log in plant.logs)
         raise DataError(
             f"{names}: no joint moves by more than the noise of its readings, so that nothing can be identified under a drive law;"
-            " log commands that move the joints (docs/actuators.md)."
+            " log commands that move the joints (docs/actuators.md)." + "".join(f" {note}" for log in plant.logs for note in log.notes)
         )
 
 
@@ -103,8 +103,8 @@ def above_noise(plant: DrivePlant, fit: Fitted) -> tuple[str, ...]:
     loud, rms, noise = _loud(plant, fit)
     # By its size, and by its own memory or by a size beyond what the noise of so few readings is known to.
     remembers = structures(replace(fit, residual=fit.residual * shares(plant, fit.weights))) > FORETOLD
-    with np.errstate(invalid="ignore"):
-        found = (remembers | (np.square(rms / noise) > _surely(len(fit.residual)))) & loud & np.isfinite(noise)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = (remembers | (np.square(rms / noise) > _surely(len(fit.residual)))) & loud & (noise > 0.0)
     if not found.any():
         return ()
     robot = plant.robot
@@ -112,9 +112,14 @@ def above_noise(plant: DrivePlant, fit: Fitted) -> tuple[str, ...]:
     told = ", ".join(
         f"{robot.joint_names[j]} {rms[j] / noise[j]:.3g} times ({rms[j]:.2g} for {noise[j]:.2g} {units[j]})" for j in np.flatnonzero(found)
     )
+    links = (
+        ' Where the URDF\'s inertial parameters are in doubt (a load, another tool), set [drive] links = "identify".'
+        if plant.law.links_known and not any(u.place in plant.law.scales for u in plant.unknowns)
+        else ""
+    )
     text = (
         f"the error of simulated position is above the noise of the readings: {told}. The model lacks an effect, or the search ended beside"
         " the best values, as it may where a joint goes over the top; values may then be further off than their standard deviations say."
-        " `ident diagnose` looks for effects; further logs, or constants that are given as numbers, help a search."
+        f" `ident diagnose` looks for effects; further logs, or constants that are given as numbers, help a search.{links}"
     )
     return (text,)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import DataError
+from ..errors import ConfigurationError, DataError
+from .audited import require_clock, told_of_positions
 from .commands import DriveLog
 
 if TYPE_CHECKING:
@@ -54,10 +56,24 @@ def foreign_commands(log: DriveLog, robot: Robot) -> tuple[int, ...]:
 
 def drive_logs(logs: Iterable[Log], robot: Robot, law: DriveLaw) -> tuple[DriveLog, ...]:
     """Recorded logs as a drive law sees them. Raises DataError where they lack what it needs, or hold commands that it is not about."""
+    logs = tuple(logs)
     found = tuple(DriveLog.of(log, robot, law) for log in logs)
+    for one in found:
+        require_clock(one)
+    found = tuple(replace(one, notes=(*one.notes, *told_of_positions(log, robot))) for one, log in zip(found, logs, strict=True))
     if law.sends_positions:
         require_joint_commands(found, robot)
     return found
+
+
+def require_used_patterns(law: DriveLaw, names: Sequence[str]) -> None:
+    """Raises ConfigurationError where a table of `by_log` is that of none of the logs: its constants would be left out in silence."""
+    unused = [pattern for pattern in law.by_log if not any(law.of_log(pattern, name) for name in names)]
+    if names and law.by_log and len(unused) == len(law.by_log):
+        raise ConfigurationError(
+            f"[drive.by_log] {', '.join(unused)}: no log has such a name ({', '.join(names[:5])}{' …' if len(names) > 5 else ''});"
+            " a pattern is compared with the file's name without its ending."
+        )
 
 
 def require_joint_commands(logs: Sequence[DriveLog], robot: Robot) -> None:

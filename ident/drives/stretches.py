@@ -19,25 +19,34 @@ Array = np.ndarray
 _SECONDS, _FEW = 0.5, 6
 #: Share of a joint's whole motion that makes a stretch one with motion.
 _MOVES = 0.05
+#: Samples that make a gap, and seconds behind one in which what it left is still seen.
+_GAP, _AFTER = 3.0, 0.5
 #: Rounds of weights at most, and the change of a weight that ends them.
 _ROUNDS, _SAME = 6, 0.02
 
 
 @dataclass(frozen=True)
 class LogStretch:
-    """Part of a log, `start` to `stop` s, of one joint (index), with its error as a multiple of the usual one."""
+    """Part of a log, `start` to `stop` s, of one joint (index), with its error as a multiple of the usual one. `gap`: the longest time
+    without a reading in it, s, where that is more than a few samples."""
 
     log: str
     joint: int
     start: float
     stop: float
     times: float
+    gap: float = 0.0
 
     def text(self, joint: str) -> str:
         """One line for people."""
+        why = (
+            f"with a gap of {self.gap:.3g} s in the readings, in which the commands are not known"
+            if self.gap
+            else "unexplained by the model (stiction, a contact, another load?)"
+        )
         return (
-            f"log {self.log}, {joint}, {self.start:.3g} to {self.stop:.3g} s: {self.times:.3g} times the usual error, unexplained by the"
-            " model (stiction, a contact, another load?); this part has less weight in the fit."
+            f"log {self.log}, {joint}, {self.start:.3g} to {self.stop:.3g} s: {self.times:.3g} times the usual error, {why}; this part has"
+            " less weight in the fit."
         )
 
 
@@ -67,8 +76,16 @@ def unexplained(plant: DrivePlant, fit: Fitted) -> tuple[LogStretch, ...]:
             start, stop, size = float(t[0]), float(t[-1]), float(own.times[k])
             if k and light[k - 1]:
                 start, size = found[-1].start, max(size, found.pop().times)
-            found.append(LogStretch(log.name, own.joint, start, stop, size))
+            found.append(LogStretch(log.name, own.joint, start, stop, size, _gap(log.t, start - _AFTER, stop)))
     return tuple(found)
+
+
+def _gap(t: Array, start: float, stop: float) -> float:
+    """The longest time without a reading in part of a log, 0 where it is no more than a few samples."""
+    steps = np.diff(t)
+    inside = steps[(t[1:] >= start) & (t[:-1] <= stop)]
+    longest = float(np.max(inside, initial=0.0))
+    return longest if longest > _GAP * float(np.median(steps)) else 0.0
 
 
 def shares(plant: DrivePlant, weights: Array) -> Array:

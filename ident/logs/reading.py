@@ -16,6 +16,7 @@ from ..errors import DataError, IdentError, unknown_name
 from ..robots.robot import require_robot
 from .channel_group import joint_of
 from .columns import resolve_columns
+from .command_columns import named_commands, without_commands
 from .files import LogFile, content_file, log_files
 from .joint_files import JointFiles, by_joints, together
 from .locked import locked_notes
@@ -46,6 +47,7 @@ class _Request:
 
     joints: JointNames | None
     columns: Mapping[str, Any] | None
+    commands: Mapping[str, str]
     missing: str
     extra: bool
     rate_hz: float | None
@@ -116,7 +118,9 @@ def read_logs(
     if missing not in ("refuse", "gap"):
         raise unknown_name("treatment of missing positions", missing, ("refuse", "gap"))
     require_robot(robot)
-    request = _Request(None if robot is None else JointNames.of(robot), columns, missing, extra, rate_hz, torque, tuple(torque_sign))
+    columns, commands = without_commands(columns)
+    joints = None if robot is None else JointNames.of(robot)
+    request = _Request(joints, columns, commands, missing, extra, rate_hz, torque, tuple(torque_sign))
     logs: list[Log] = []
     left_out: list[str] = []
     for source in _sources(paths, request.joints):
@@ -241,6 +245,8 @@ def _read(given: Path | pd.DataFrame, request: _Request) -> list[Log]:
     positions = {c.source: arrays[side][:, c.joint] for c in plan.quantity(side)}
     pieces = usable_rows(arrays["t"], positions, where, missing=request.missing, repeated=repeated_rows(arrays))
     extras = _numbered_references(extras, joints.names if joints else plan.joints)
+    if request.extra:
+        extras = named_commands(extras, request.commands, source.header.names, where)
     outer, inside = (None, "") if path is None else split_inside(path)
     stem = inside.replace("/", " ") or source.name
     digest = "" if outer is None else sha256(content_file(outer))

@@ -9,6 +9,8 @@ import numpy as np
 
 from ...drives.nearby import approached, refitted
 from ...drives.plant import DrivePlant
+from ...drives.search import derivatives
+from ...drives.starts import starts
 from .result import DriveFinding
 from .screening import Screened
 from .trials import STEPS, Stage, gained, with_candidate
@@ -41,15 +43,21 @@ def needed(declared: DrivePlant, now: Stage, accepted: Sequence[Accepted]) -> tu
 
 def _near(plant: DrivePlant, now: Stage) -> Stage:
     """A model, a few steps from where one with more in it has ended."""
-    at = _numbers(plant, now)
-    fit = approached(plant, now.fit.values[at], now.sizes[at], now.fit.weights, now.fit.slopes[..., at], steps=STEPS)
-    return Stage(plant, fit, now.sizes[at])
+    at = _begun(plant, now)
+    return replace(at, fit=approached(plant, at.fit.values, at.sizes, now.fit.weights, at.fit.slopes, steps=STEPS))
 
 
-def _numbers(plant: DrivePlant, now: Stage) -> list[int]:
-    """Of the unknowns of a plant, those among which they are in a wider one."""
-    at = {u.name: i for i, u in enumerate(now.plant.unknowns)}
-    return [at[u.name] for u in plant.unknowns]
+def _begun(plant: DrivePlant, now: Stage) -> Stage:
+    """A model where one with more in it has ended. What that one has not (a spring's torque at zero, for which an offset stood) is none."""
+    known = {u.name: i for i, u in enumerate(now.plant.unknowns)}
+    own = np.array([u.name in known for u in plant.unknowns])
+    at = [known[u.name] for u in plant.unknowns if u.name in known]
+    _, sizes = starts(plant)
+    values, slopes = np.zeros(len(own)), np.empty((*now.fit.residual.shape, len(own)))
+    values[own], sizes[own], slopes[..., own] = now.fit.values[at], now.sizes[at], now.fit.slopes[..., at]
+    if not own.all():
+        slopes[..., ~own] = derivatives(plant, values, sizes, np.flatnonzero(~own))
+    return Stage(plant, replace(now.fit, values=values, slopes=slopes), sizes)
 
 
 def with_rivals(declared: DrivePlant, now: Stage, accepted: Sequence[Accepted], inertia: Array) -> list[Accepted]:
@@ -78,9 +86,8 @@ def with_rivals(declared: DrivePlant, now: Stage, accepted: Sequence[Accepted], 
 def _of(declared: DrivePlant, now: Stage, kept: Sequence[Accepted]) -> Stage:
     """The model with these alone, fitted from where all of them have ended."""
     plant = _with(declared, kept)
-    own = _numbers(plant, now)
-    fit = refitted(plant, now.fit.values[own], now.sizes[own], now.fit.weights, now.fit.slopes[..., own], steps=STEPS)
-    return Stage(plant, fit, now.sizes[own])
+    at = _begun(plant, now)
+    return replace(at, fit=refitted(plant, at.fit.values, at.sizes, now.fit.weights, at.fit.slopes, steps=STEPS))
 
 
 def _with(declared: DrivePlant, kept: Sequence[Accepted]) -> DrivePlant:
