@@ -14,7 +14,16 @@ from benchmarks.actuators import commanded
 from benchmarks.actuators.commanded import LEG, PENDULUM, commanded_log
 from ident.cli import main
 from ident.diagnosis.drives import diagnose_drives
+from ident.diagnosis.drives.candidates import DriveCandidate
+from ident.diagnosis.drives.result import DriveFinding
+from ident.diagnosis.drives.revision import Accepted, needed
+from ident.diagnosis.drives.screening import Screened
+from ident.diagnosis.drives.trials import Stage
 from ident.drives import DriveLaw, fit_drives
+from ident.drives.plant import DrivePlant
+from ident.drives.search import fitted as fitted_by
+from ident.drives.space import drive_logs
+from ident.drives.starts import starts
 from ident.errors import ConfigurationError, DataError
 from ident.logs.log import Log, LogSet
 
@@ -141,3 +150,20 @@ def test_springs_that_stand_in_for_gravity_end_a_diagnosis(robot: ident.Robot) -
     found = diagnose_drives(LogSet((tilted,)), model, DriveLaw.of(leg, kp=[25.0, 20.0], kd=0.8))
     assert found.findings
     assert found.verdict != "clean"
+
+
+def test_an_offset_beside_a_spring_may_go(robot: ident.Robot, log: Log) -> None:
+    """A spring has a torque at zero of its own where no offset stands for it: it begins at nothing where the offset goes."""
+    model = robot.rigid_body()
+    for effect in ("rotor_inertia", "viscous", "coulomb"):
+        model = model + ident.make_effect(effect)
+    law = DriveLaw.of(robot, **GAINS)
+    declared = DrivePlant(model, law, drive_logs(LogSet((log,)), robot, law))
+    offset, spring = DriveCandidate("offset", "offset"), DriveCandidate("linear_spring", "spring")
+    plant = spring.added_to(offset.added_to(declared, [0]), [0])
+    at, sizes = starts(plant)
+    told = [DriveFinding(one.name, (), (), None, 0.5, 1.0, ()) for one in (offset, spring)]
+    accepted = [Accepted(Screened(one, (0,), np.zeros(1), 0.5), text) for one, text in zip((offset, spring), told, strict=True)]
+    kept, after = needed(declared, Stage(plant, fitted_by(plant, at, sizes), sizes), accepted)
+    assert kept == []
+    assert [u.name for u in after.plant.unknowns] == [u.name for u in declared.unknowns]
