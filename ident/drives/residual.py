@@ -117,9 +117,11 @@ def above_noise(plant: DrivePlant, fit: Fitted) -> tuple[str, ...]:
         if plant.law.links_known and not any(u.place in plant.law.scales for u in plant.unknowns)
         else ""
     )
+    least = [float(value) for unknown, value in zip(plant.unknowns, fit.values, strict=True) if unknown.place == "delay_s"]
+    early = " A delay is at 0, its least: commands may be stamped later than they were sent." if min(least, default=1.0) <= 0.0 else ""
     text = (
         f"the error of simulated position is above the noise of the readings: {told}. The model lacks an effect, or the search ended beside"
         " the best values, as it may where a joint goes over the top; values may then be further off than their standard deviations say."
-        f" `ident diagnose` looks for effects; further logs, or constants that are given as numbers, help a search.{links}"
+        f" `ident diagnose` looks for effects; further logs, or constants that are given as numbers, help a search.{links}{early}"
     )
     return (text,)
