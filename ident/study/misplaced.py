@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,6 +20,8 @@ def refuse_misplaced(data: Mapping[str, Any], tables: Mapping[str, Any], where: 
         own = _KEYS.get(table)
         if table in tables and own is None:
             continue  # methods' options and columns may have any name
+        if table not in tables and difflib.get_close_matches(table, tables, n=1):
+            continue  # a table's name that is misspelt
         here = {table: value} if table not in tables and not isinstance(value, Mapping) else value
         for key in here if isinstance(here, Mapping) else ():
             homes = [home for home, keys in _KEYS.items() if key in keys]

@@ -101,7 +101,7 @@ def test_a_gap_is_told_as_one(log: Log, robot: ident.Robot) -> None:
     assert all("gap" in text and "stiction" not in text for text in told)
 
 
-@pytest.mark.parametrize("rate", [47.0, 50.0])
+@pytest.mark.parametrize("rate", [47.0, 60.0])
 def test_the_interval_of_a_delay_holds_what_the_rows_do_not_tell(rate: float, robot: ident.Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """Commands of another clock than the rows': each is logged up to a row late."""
     plain = commanded.command
@@ -119,6 +119,20 @@ def test_the_interval_of_a_delay_holds_what_the_rows_do_not_tell(rate: float, ro
     assert low < TRUTH["delay"] < high
     assert high - low > 0.005
     assert any("commands change every" in text for text in fit.warnings)
+
+
+def test_commands_of_a_slower_loop_that_logs_itself_keep_their_instants(robot: ident.Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = commanded.command
+
+    def slow(seed: int, seconds: float, rate: float, n: int, rest: float = 0.5) -> np.ndarray:
+        return np.repeat(plain(seed, seconds, rate, n, rest)[::4], 4, axis=0)[: round(seconds * rate)]
+
+    monkeypatch.setattr(commanded, "command", slow)
+    fit = fitted(commanded_log(robot, TRUTH, seed=5, rate=200, seconds=6.0, before=1.0), robot)
+    ((_, low, high),) = fit.delay_interval().values()
+    assert low < TRUTH["delay"] < high
+    assert high - low < 0.001
+    assert not any("commands change every" in text for text in fit.warnings)
 
 
 def test_columns_of_commands_are_mapped(log: Log, robot: ident.Robot, tmp_path: Path) -> None:
