@@ -79,7 +79,9 @@ def _densities(fit: Fit, raw: list[Array], m: int) -> tuple[Array, Array, Array,
 
 def _smooth(f: Array, x: Array) -> Array:
     """Geometric means of a density over 0.4 Hz."""
-    return np.array([np.exp(np.mean(np.log(np.maximum(x[(np.abs(f - at) <= 0.2) & (f > 0)], 1e-300)))) for at in f])
+    # Of a short run the frequencies are further apart: beside zero there is the first.
+    logs, positive = np.log(np.maximum(x, 1e-300)), f > 0
+    return np.array([np.exp(np.mean(logs[positive & (np.abs(f - max(at, f[1])) <= 0.2)])) for at in f])
 
 
 def _first_beyond(f: Array, share: Array) -> float:
