@@ -12,7 +12,7 @@ import numpy as np
 
 from .._utils.text import counted
 from ..errors import DataError
-from ..logs.command_columns import COMMAND
+from ..logs.command_columns import command_of
 from ..logs.units import split_unit, unit_of
 from .clock import equal_steps
 from .first_state import first_state
@@ -79,10 +79,7 @@ class DriveLog:
         logged = log.position(robot.transmission)
         q, turned = joined_turns(logged, robot)
         good = np.isfinite(q).all(axis=1)
-        columns = commanded(log.extra, robot)
-        desired = [] if not law.sends_positions or "q_cmd" in columns else [key for key in log.extra if _DESIRED.match(key)]
-        if desired:
-            columns |= commanded({key.replace("q_ref", "q_cmd"): log.extra[key] for key in desired}, robot)
+        columns, desired = _columns_of(log, robot, law)
         _require(log.name, {what: array[good] for what, array in columns.items()}, robot, law)
         if law.kind == "voltage":
             columns = {"tau_ff": columns["voltage"], **{k: x for k, x in columns.items() if k == "torque_enable"}}
@@ -107,8 +104,7 @@ class DriveLog:
         lacking = _missing(log.name, {what: array[good] for what, array in columns.items()}, robot)
         stays = rows_of_a_command(q_cmd) if law.sends_positions and law.command == CommandForm.STAIRCASE else 1.0
         told = [_unknown_instants(stays, t)] if stays > 1.0 else []
-        for_commands = ["it has no position commands; its desired motion is taken for them."] if desired else []
-        notes = (*(f"log {log.name}: {said}" for said in (*turned, *unsteady, *for_commands, *told)), *lacking)
+        notes = (*(f"log {log.name}: {said}" for said in (*turned, *unsteady, *desired, *told)), *lacking)
         return cls(log.name, t, q[good], q_cmd, speed, got.get("tau_ff", none), enabled, supply, origin, first, later, good, notes, stays)
 
     @property
@@ -120,6 +116,16 @@ class DriveLog:
     def duration(self) -> float:
         """Seconds from the first to the last sample."""
         return float(self.t[-1])
+
+
+def _columns_of(log: Log, robot: Robot, law: DriveLaw) -> tuple[dict[str, Array], list[str]]:
+    """Commands of a log (N, n), with a note where its desired motion is taken for those of position."""
+    columns = commanded(log.extra, robot)
+    desired = [] if not law.sends_positions or "q_cmd" in columns else [key for key in log.extra if _DESIRED.match(key)]
+    if not desired:
+        return columns, []
+    columns |= commanded({key.replace("q_ref", "q_cmd"): log.extra[key] for key in desired}, robot)
+    return columns, ["it has no position commands; its desired motion is taken for them."]
 
 
 def _require(name: str, columns: Mapping[str, Array], robot: Robot, law: DriveLaw) -> None:
@@ -156,15 +162,16 @@ def commanded(extra: Mapping[str, Array], robot: Robot) -> dict[str, Array]:
     found: dict[str, dict[int, Array]] = {}
     shared: Array | None = None
     for column, values in extra.items():
-        stem, suffix = split_unit(column.strip())
-        if stem.lower() == "supply":
-            shared = np.asarray(values, float) * (1.0 if suffix is None else unit_of(suffix).scale)
+        told = command_of(column)
+        if told is None:
             continue
-        match = COMMAND.match(stem) or COMMAND.match(column.strip())
-        if match is None:
-            continue
-        scale = 1.0 if suffix is None else unit_of(suffix).scale
-        found.setdefault(match["what"].lower(), {})[int(match["joint"]) - 1] = np.asarray(values, float) * scale
+        _, suffix = split_unit(column.strip())
+        scaled = np.asarray(values, float) * (1.0 if suffix is None else unit_of(suffix).scale)
+        what, joint = told
+        if joint < 0:
+            shared = scaled
+        else:
+            found.setdefault(what, {})[joint] = scaled
     if shared is not None:
         found["supply"] = dict.fromkeys(range(max(len(robot.whole), robot.n)), shared) | found.get("supply", {})
     out = {}

@@ -13,19 +13,22 @@ from .units import split_unit
 
 Array = np.ndarray
 #: Names of commands of the n-th joint, without their unit.
-COMMAND = re.compile(r"^(?P<what>q_cmd|dq_cmd|tau_ff|torque_enable|supply|voltage)_?(?P<joint>[0-9]+)$", re.IGNORECASE)
+_COMMAND = re.compile(r"^(?P<what>q_cmd|dq_cmd|tau_ff|torque_enable|supply|voltage)_?(?P<joint>[0-9]+)$", re.IGNORECASE)
 _SHARED = "supply"
 
 
-def is_command(key: str) -> bool:
-    """Whether a name, with a unit or without, is that of a command."""
-    stem, _ = split_unit(key.strip())
-    return bool(COMMAND.match(stem) or COMMAND.match(key.strip())) or stem.lower() == _SHARED
+def command_of(name: str) -> tuple[str, int] | None:
+    """What a column's name, with a unit or without, says of commands: which, and of which joint (from 0; -1: of all); None: nothing."""
+    stem, _ = split_unit(name.strip())
+    if stem.lower() == _SHARED:
+        return _SHARED, -1
+    match = _COMMAND.match(stem) or _COMMAND.match(name.strip())
+    return None if match is None else (match["what"].lower(), int(match["joint"]) - 1)
 
 
 def without_commands(mapping: Mapping[str, Any] | None) -> tuple[Mapping[str, Any] | None, dict[str, str]]:
     """The [columns] table without entries for commands, and these: name of the command (`q_cmd1_deg`) → column of the file."""
-    commands = {key: value for key, value in (mapping or {}).items() if is_command(key)}
+    commands = {key: value for key, value in (mapping or {}).items() if command_of(key)}
     for key, value in commands.items():
         if not isinstance(value, str):
             raise ConfigurationError(f"[columns] {key}: give the name of a column as text, with its unit in the key (q_cmd1_deg).")

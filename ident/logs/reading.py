@@ -121,28 +121,33 @@ def read_logs(
     columns, commands = without_commands(columns)
     joints = None if robot is None else JointNames.of(robot)
     request = _Request(joints, columns, commands, missing, extra, rate_hz, torque, tuple(torque_sign))
+    logs, left_out = _all_of(_sources(paths, joints), request, skip_bad_files)
+    if robot is not None:
+        logs = [_turned(log, robot) if log.q is not None else _joined(log, robot) for log in logs]
+        logs = [replace(log, notes=(*log.notes, *locked_notes(log, robot))) for log in logs]
+    return LogSet(tuple(logs), robot, tuple(left_out))
+
+
+def _all_of(sources: Sequence[LogFile | JointFiles | pd.DataFrame], request: _Request, skip_bad_files: bool) -> tuple[list[Log], list[str]]:
+    """Every log, its name told apart from those of the others, and why files are left out where bad ones may be."""
     logs: list[Log] = []
     left_out: list[str] = []
-    for source in _sources(paths, request.joints):
+    for source in sources:
         try:
             logs += _logs_of(source, request)
         except IdentError as error:
             if not skip_bad_files:
                 raise
             left_out.append(str(error))
-    for log in logs:
-        _LOG.info("read %s: %d samples, %d joints, %.4g s", log.source or log.name, len(log), log.n, log.duration)
     if left_out and not logs:
         raise DataError(f"none of {counted(len(left_out), 'log')} can be read; the first: {left_out[0]}")
     names: dict[str, int] = {}
     for i, log in enumerate(logs):
+        _LOG.info("read %s: %d samples, %d joints, %.4g s", log.source or log.name, len(log), log.n, log.duration)
         names[log.name] = names.get(log.name, 0) + 1
         if names[log.name] > 1:
             logs[i] = replace(log, name=f"{log.name} ({names[log.name]})")
-    if robot is not None:
-        logs = [_turned(log, robot) if log.q is not None else _joined(log, robot) for log in logs]
-        logs = [replace(log, notes=(*log.notes, *locked_notes(log, robot))) for log in logs]
-    return LogSet(tuple(logs), robot, tuple(left_out))
+    return logs, left_out
 
 
 def logs_of(data: Any, robot: Robot | None) -> LogSet:
