@@ -133,7 +133,7 @@ def _require(name: str, columns: Mapping[str, Array], robot: Robot, law: DriveLa
     if law.sends_positions and "q_cmd" not in columns:
         raise DataError(
             f"log {name}: [drive] law {law.kind!r} needs the position commands, {_columns('q_cmd', '', robot)}, and the log has none."
-            " Rename the columns that hold them."
+            ' Rename the columns that hold them, or name them under [columns] of a study file (q_cmd1_deg = "its name").'
         )
     for what, array in columns.items():
         missing = np.flatnonzero(np.isnan(array).all(axis=0))
