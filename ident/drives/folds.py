@@ -12,8 +12,8 @@ from .plant import DrivePlant
 from .search import Fitted
 
 Array = np.ndarray
-#: From so many logs on, they are held out whole, in so many turns at most; below, every other stretch of time in two turns.
-_LOGS, _TURNS = 4, 5
+#: From so many logs on, they are held out whole, one by one up to so many; below, every other stretch of time in two turns.
+_LOGS, _TURNS = 4, 10
 #: Stretches of a log, and the seconds of one at least.
 _STRETCHES = 12
 _SECONDS = 0.5

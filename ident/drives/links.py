@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._native.choice import compiled
-from ..regressor import rigid
 from ..simulation.rigid import RigidDynamics
 from .simulate import LaneDrives, LaneIntegrals, LinkTerms, SingleLink
 
@@ -23,22 +22,20 @@ class FreeLinks:
     """Links with a set of parameters (B, 10 nb) in each lane."""
 
     def __init__(self, robot: Robot, parameters: Array) -> None:
-        self.robot, self.parameters = robot, parameters
+        self.robot, self._lanes = robot, len(parameters)
+        # Most lanes of a derivative differ in the drives alone.
+        sets, of = np.unique(parameters, axis=0, return_inverse=True)
+        self._each = [(np.flatnonzero(of.reshape(-1) == i), RigidDynamics(robot, one)) for i, one in enumerate(sets)]
 
     def single(self) -> SingleLink | None:
-        return _single(self.terms, len(self.parameters)) if self.robot.n == 1 else None
+        return _single(self.terms, self._lanes) if self.robot.n == 1 else None
 
     def terms(self, q: Array, dq: Array) -> tuple[Array, Array]:
         lanes, n = q.shape
-        ddq = np.concatenate([np.zeros((1, 1, n)), np.eye(n)[:, None]]) * np.ones((1, lanes, 1))
-        rates = np.concatenate([dq[None], np.zeros((n, lanes, n))])
-        still = rigid.regressor(self.robot.tree, q, np.zeros_like(q), np.zeros_like(q))
-        columns = rigid.regressor(self.robot.tree, np.tile(q, (n + 1, 1)), rates.reshape(-1, n), ddq.reshape(-1, n)).reshape(
-            n + 1, lanes, n, -1
-        )
-        torque = np.einsum("xbnk,bk->xbn", columns, self.parameters)
-        gravity = np.einsum("bnk,bk->bn", still, self.parameters)
-        return np.moveaxis(torque[1:] - gravity, 0, 2), torque[0]
+        H, c = np.empty((lanes, n, n)), np.empty((lanes, n))
+        for at, links in self._each:
+            H[at], c[at] = links.terms(q[at], dq[at])
+        return H, c
 
 
 class KnownLinks:

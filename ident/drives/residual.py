@@ -90,6 +90,18 @@ def _loud(plant: DrivePlant, fit: Fitted) -> tuple[Array, Array, Array]:
     return ~(np.square(noise) >= (1.0 - FORETOLD) * np.square(rms)), rms, noise
 
 
+def more_than_noise(plant: DrivePlant, fit: Fitted) -> bool:
+    """Whether some joint's error remembers, or is by its size beyond the noise of its readings."""
+    return left_over(plant, fit) > FORETOLD or bool(np.any(too_large(plant, fit)))
+
+
+def too_large(plant: DrivePlant, fit: Fitted) -> Array:
+    """Joints (n,) whose error is by its size beyond what the noise of so few readings is known to."""
+    loud, rms, noise = _loud(plant, fit)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return loud & (noise > 0.0) & (np.square(rms / noise) > _surely(len(fit.residual)))
+
+
 def _surely(count: int) -> float:
     """Ratio, which chance hardly reaches, of the variance of `count` errors to that of the noise, known by the upper part of a spectrum."""
     from scipy.special import fdtri
@@ -97,21 +109,25 @@ def _surely(count: int) -> float:
     return float(fdtri(count, max(_PART * count, 1.0), 1.0 - BY_CHANCE**2)) / (1.0 - FORETOLD)
 
 
+def sizes_told(plant: DrivePlant, fit: Fitted, of: Array) -> str:
+    """How far above the noise of its readings the error of some joints is; `of` (n,): which."""
+    _, rms, noise = _loud(plant, fit)
+    robot = plant.robot
+    units = ["m" if joint.prismatic else "rad" for joint in robot.joints]
+    told = (
+        f"{robot.joint_names[j]} {rms[j] / noise[j]:.3g} times ({rms[j]:.2g} for {noise[j]:.2g} {units[j]})" for j in np.flatnonzero(of)
+    )
+    return f"the error of simulated position is above the noise of the readings: {', '.join(told)}."
+
+
 def above_noise(plant: DrivePlant, fit: Fitted) -> tuple[str, ...]:
     """A warning of the joints whose error is above the noise of their readings, as it is where an effect is missing, or where a search
     ended beside the best values."""
-    loud, rms, noise = _loud(plant, fit)
-    # By its size, and by its own memory or by a size beyond what the noise of so few readings is known to.
+    loud, _, noise = _loud(plant, fit)
     remembers = structures(replace(fit, residual=fit.residual * shares(plant, fit.weights))) > FORETOLD
-    with np.errstate(invalid="ignore", divide="ignore"):
-        found = (remembers | (np.square(rms / noise) > _surely(len(fit.residual)))) & loud & (noise > 0.0)
+    found = (remembers & loud & (noise > 0.0)) | too_large(plant, fit)
     if not found.any():
         return ()
-    robot = plant.robot
-    units = ["m" if joint.prismatic else "rad" for joint in robot.joints]
-    told = ", ".join(
-        f"{robot.joint_names[j]} {rms[j] / noise[j]:.3g} times ({rms[j]:.2g} for {noise[j]:.2g} {units[j]})" for j in np.flatnonzero(found)
-    )
     links = (
         ' Where the URDF\'s inertial parameters are in doubt (a load, another tool), set [drive] links = "identify".'
         if plant.law.links_known and not any(u.place in plant.law.scales for u in plant.unknowns)
@@ -120,8 +136,8 @@ def above_noise(plant: DrivePlant, fit: Fitted) -> tuple[str, ...]:
     least = [float(value) for unknown, value in zip(plant.unknowns, fit.values, strict=True) if unknown.place == "delay_s"]
     early = " A delay is at 0, its least: commands may be stamped later than they were sent." if min(least, default=1.0) <= 0.0 else ""
     text = (
-        f"the error of simulated position is above the noise of the readings: {told}. The model lacks an effect, or the search ended beside"
-        " the best values, as it may where a joint goes over the top; values may then be further off than their standard deviations say."
+        f"{sizes_told(plant, fit, found)} The model lacks an effect, or the search ended beside the best values, as it may where a joint"
+        " goes over the top; values may then be further off than their standard deviations say."
         f" `ident diagnose` looks for effects; further logs, or constants that are given as numbers, help a search.{links}{early}"
     )
     return (text,)

@@ -11,7 +11,7 @@ import numpy as np
 from ..._utils.threads import with_one_blas_thread
 from ...drives.fit import notes_of, result_of, scale_of_gains
 from ...drives.plant import DrivePlant
-from ...drives.residual import FORETOLD, left_over, require_motion
+from ...drives.residual import FORETOLD, left_over, more_than_noise, require_motion, sizes_told, too_large
 from ...drives.search import fitted
 from ...drives.sizes import doubtful_sizes, impossible
 from ...drives.space import drive_logs
@@ -20,6 +20,7 @@ from ...drives.stretches import shares, steadied, unexplained
 from ..verdict import Verdict
 from .candidates import same_motion
 from .improved import from_afar, reweighed
+from .otherwise import Otherwise, otherwise
 from .result import DriveDiagnosis, DriveFinding, DriveRival
 from .revision import ALIKE, Accepted, needed, with_rivals
 from .screening import Screened, screened
@@ -66,34 +67,46 @@ def diagnose_drives(
     require_motion(plant)
     at, sizes = starts(plant)
     # Stretches in which something else happened count the less throughout: nothing is found by what it makes of a contact.
-    first = now = Stage(plant, steadied(plant, fitted(plant, at, sizes, progress=progress), sizes), sizes)
-    inertia = moved_inertia(plant)
-    accepted: list[Accepted] = []
-    afar = True
-    for _ in range(_ROUNDS):
-        if len(accepted) == _FINDINGS:
-            break
-        quick = now.quickened()
-        found = [tried(quick, one, inertia) for one in screened(quick.plant, quick.fit, inertia)[:_FITTED]]
-        better = believed(quick, [one for one in found if one is not None])
-        ends = [end for one, stage in better if (end := settled(quick, one, stage, plant.step, inertia)) is not None]
-        if not ends:
-            break
-        ends, afar = from_afar(now, ends) if afar else (ends, False)
-        new, now = _decided(now, ends)
-        accepted, now = needed(plant, now, [*accepted, new])
-        if new not in accepted:
-            break
+    first = Stage(plant, steadied(plant, fitted(plant, at, sizes, progress=progress), sizes), sizes)
+    now, other, accepted = _sought(first)
     before, after = (result_of(stage.plant, stage.fit, stage.sizes, logs.inputs) for stage in (first, now))
-    findings = [_in_the_end(one.finding, after) for one in with_rivals(plant, now, accepted, inertia)]
+    findings = [*([] if other is None else [other.finding(first, after)]), *(_in_the_end(one.finding, after) for one in accepted)]
     left, rest = left_over(now.plant, now.fit), left_over(now.plant, now.fit, shares(now.plant, now.fit.weights))
     if held is not None:
         before, after = before.with_heldout(held, logs), after.with_heldout(held, logs)
     worse = bool(findings) and _worse(before, after)
     told = tuple(one.text(model.robot.joint_names[one.joint]) for one in unexplained(now.plant, now.fit))
-    warnings = (*scale_of_gains(now.plant), *notes_of(now.plant), *told)
-    verdict = Verdict.UNEXPLAINED if worse else _verdict(findings, after, left)
+    large = too_large(now.plant, now.fit)
+    sizes_of = (sizes_told(now.plant, now.fit, large),) if large.any() else ()
+    warnings = (*scale_of_gains(now.plant), *notes_of(now.plant), *told, *sizes_of)
+    verdict = Verdict.UNEXPLAINED if worse or more_than_noise(now.plant, now.fit) else _verdict(findings, after)
     return DriveDiagnosis(verdict, tuple(findings), left, before, after, (*warnings, *([_WORSE] if worse else [])), rest)
+
+
+def _sought(first: Stage) -> tuple[Stage, Otherwise | None, list[Accepted]]:
+    """The model with what is missing, fitted, and what that is: what is otherwise than it is declared without a number, and candidates, one
+    after another. `first`: as declared."""
+    declared = now = first
+    inertia, accepted, other = moved_inertia(first.plant), list[Accepted](), None
+    afar = True
+    for number in range(_ROUNDS):
+        if len(accepted) == _FINDINGS:
+            break
+        quick = now.quickened()
+        found = [tried(quick, one, inertia) for one in screened(quick.plant, quick.fit, inertia)[:_FITTED]]
+        better = believed(quick, [one for one in found if one is not None])
+        ends = [end for one, stage in better if (end := settled(quick, one, stage, first.plant.step, inertia)) is not None]
+        if number == 0 and (other := otherwise(first, ends)) is not None:
+            declared = now = reweighed(other.stage)
+            continue
+        if not ends:
+            break
+        ends, afar = from_afar(now, ends) if afar else (ends, False)
+        new, now = _decided(now, ends)
+        accepted, now = needed(declared.plant, now, [*accepted, new])
+        if new not in accepted:
+            break
+    return now, other, with_rivals(declared.plant, now, accepted, inertia)
 
 
 def _worse(before: DriveFit, after: DriveFit) -> bool:
@@ -142,10 +155,10 @@ def _names(plant: DrivePlant, one: Screened) -> tuple[str, ...]:
     return tuple(plant.robot.joint_names[j] for j in one.joints)
 
 
-def _verdict(findings: list[DriveFinding], after: DriveFit, left: float) -> Verdict:
+def _verdict(findings: list[DriveFinding], after: DriveFit) -> Verdict:
     told = {name for finding in findings for name, *_ in finding.values}
     absurd = any(impossible(u, float(v)) for u, v in zip(after.unknowns, after.values, strict=True) if u.name in told)
-    if left > FORETOLD or absurd:
+    if absurd:
         return Verdict.UNEXPLAINED
     if not findings:
         return Verdict.CLEAN

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...drives.nearby import approached, refitted
-from ...drives.residual import FORETOLD, left_over
+from ...drives.residual import more_than_noise
 from ...drives.search import begun, derivatives
 from ...drives.starts import starts
 from ...drives.stretches import shares, steadied
@@ -19,10 +19,15 @@ def from_afar(stage: Stage, ends: list[tuple[Screened, Stage]]) -> tuple[list[tu
     """Models with a candidate each, sought from every start of a fit, where none of them leaves noise: what is missing bends the other
     unknowns, and the minimum next to bent ones may leave a part of it. `stage`: without any. And whether it may help again: where it did
     not, what is left is no matter of the search."""
-    if any(left_over(after.plant, after.fit) <= FORETOLD for _, after in ends):
+    if any_leaves_noise(ends):
         return ends, True
     found = [(one, _from_afar(stage, after)) for one, after in ends]
     return found, any(after is not before for (_, after), (_, before) in zip(found, ends, strict=True))
+
+
+def any_leaves_noise(ends: list[tuple[Screened, Stage]]) -> bool:
+    """Whether some model with a candidate leaves no more than the noise of the readings."""
+    return not all(more_than_noise(after.plant, after.fit) for _, after in ends)
 
 
 def _from_afar(stage: Stage, after: Stage) -> Stage:

@@ -15,6 +15,15 @@ from ...drives.result import DriveFit
 from ..verdict import Verdict
 
 Array = np.ndarray
+#: Findings of what is declared without a number.
+LINKS, VELOCITY_COMMAND, RAMP, STAIRCASE = "links", "velocity_command", "command_ramp", "command_staircase"
+#: What is said of them beside their numbers.
+_SAID = {
+    LINKS: " are not the URDF's, as under a load, with another tool, or on a base that leans",
+    VELOCITY_COMMAND: 'the derivative of the position command is sent beside it, and not logged: set velocity_command = "derivative"',
+    RAMP: 'commands go straight from one row to the next: set command = "ramp"',
+    STAIRCASE: 'commands are held from one row to the next: set command = "staircase"',
+}
 
 
 @dataclass(frozen=True)
@@ -53,7 +62,7 @@ class DriveFinding:
     def text(self) -> str:
         """One paragraph for people."""
         numbers = ", ".join(_told(*value, ends) for value, ends in zip(self.values, self.intervals, strict=True))
-        told = f"{self.effect} on {', '.join(self.joints)}: {numbers}"
+        told = f"{self.effect} on {', '.join(self.joints)}: {numbers}{_SAID.get(self.effect, '')}"
         if self.declared is not None:
             told += f" (declared: {', '.join(f'{number:.4g}' for number in _different(self.declared))})"
         told += f"; lowers the squared error of held-out readings by {self.gain:.0%}"
