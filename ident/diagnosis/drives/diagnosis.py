@@ -68,9 +68,9 @@ def diagnose_drives(
     at, sizes = starts(plant)
     # Stretches in which something else happened count the less throughout: nothing is found by what it makes of a contact.
     first = Stage(plant, steadied(plant, fitted(plant, at, sizes, progress=progress), sizes), sizes)
-    now, other, accepted = _sought(first)
+    now, others, accepted = _sought(first)
     before, after = (result_of(stage.plant, stage.fit, stage.sizes, logs.inputs) for stage in (first, now))
-    findings = [*([] if other is None else [other.finding(first, after)]), *(_in_the_end(one.finding, after) for one in accepted)]
+    findings = [*(other.finding(after) for other in others), *(_in_the_end(one.finding, after) for one in accepted)]
     left, rest = left_over(now.plant, now.fit), left_over(now.plant, now.fit, shares(now.plant, now.fit.weights))
     if held is not None:
         before, after = before.with_heldout(held, logs), after.with_heldout(held, logs)
@@ -83,11 +83,11 @@ def diagnose_drives(
     return DriveDiagnosis(verdict, tuple(findings), left, before, after, (*warnings, *([_WORSE] if worse else [])), rest)
 
 
-def _sought(first: Stage) -> tuple[Stage, Otherwise | None, list[Accepted]]:
+def _sought(first: Stage) -> tuple[Stage, list[Otherwise], list[Accepted]]:
     """The model with what is missing, fitted, and what that is: what is otherwise than it is declared without a number, and candidates, one
     after another. `first`: as declared."""
     declared = now = first
-    inertia, accepted, other = moved_inertia(first.plant), list[Accepted](), None
+    inertia, accepted, others = moved_inertia(first.plant), list[Accepted](), list[Otherwise]()
     afar = True
     for number in range(_ROUNDS):
         if len(accepted) == _FINDINGS:
@@ -96,8 +96,9 @@ def _sought(first: Stage) -> tuple[Stage, Otherwise | None, list[Accepted]]:
         found = [tried(quick, one, inertia) for one in screened(quick.plant, quick.fit, inertia)[:_FITTED]]
         better = believed(quick, [one for one in found if one is not None])
         ends = [end for one, stage in better if (end := settled(quick, one, stage, first.plant.step, inertia)) is not None]
-        if number == 0 and (other := otherwise(first, ends)) is not None:
+        if len(others) == number and (other := otherwise(now, ends)) is not None:
             declared = now = reweighed(other.stage)
+            others.append(other)
             continue
         if not ends:
             break
@@ -106,7 +107,7 @@ def _sought(first: Stage) -> tuple[Stage, Otherwise | None, list[Accepted]]:
         accepted, now = needed(declared.plant, now, [*accepted, new])
         if new not in accepted:
             break
-    return now, other, with_rivals(declared.plant, now, accepted, inertia)
+    return now, others, with_rivals(declared.plant, now, accepted, inertia)
 
 
 def _worse(before: DriveFit, after: DriveFit) -> bool:

@@ -27,17 +27,18 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Otherwise:
-    """A model that is otherwise than the declared one in `effect`, fitted. `changed`: names of the links' parameters that are others than
-    the URDF's, with those (kg m, kg m²)."""
+    """A model that is otherwise than the one `before` in `effect`, both fitted. `changed`: names of the links' parameters that are others
+    than the URDF's, with those (kg m, kg m²)."""
 
     effect: str
+    before: Stage
     stage: Stage
     changed: Mapping[str, float]
 
-    def finding(self, first: Stage, after: DriveFit) -> DriveFinding:
-        """What is otherwise. `first`: the fit as declared; `after`: with this, and all that was found beside it."""
-        before, now = (np.nansum(held_out(s.plant, s.fit, s.sizes).squares) for s in (first, self.stage))
-        gain, names = 1.0 - float(now / before), first.plant.robot.joint_names
+    def finding(self, after: DriveFit) -> DriveFinding:
+        """What is otherwise. `after`: the fit with this, and all that was found beside it."""
+        before, now = (np.nansum(held_out(s.plant, s.fit, s.sizes).squares) for s in (self.before, self.stage))
+        gain, names = 1.0 - float(now / before), after.model.robot.joint_names
         if not self.changed:
             return DriveFinding(self.effect, tuple(names), (), None, gain, 1.0, ())
         at = [after.names.index(name) for name in self.changed]
@@ -59,7 +60,7 @@ def otherwise(first: Stage, ends: list[tuple[Screened, Stage]]) -> Otherwise | N
     forms = [form for form in (_with_velocities(first.plant), _with_other_command(first.plant)) if form is not None]
     least = min((end.fit.cost for _, end in ends), default=first.fit.cost)
     fitted = ((effect, _fitted(first, plant, least, thorough=lacking)) for effect, plant in forms)
-    best = min((Otherwise(effect, stage, {}) for effect, stage in fitted if stage), key=lambda one: one.stage.fit.cost, default=None)
+    best = min((Otherwise(effect, first, stage, {}) for effect, stage in fitted if stage), key=lambda one: one.stage.fit.cost, default=None)
     if best is not None and not least - best.stage.fit.cost > SIGNIFICANT**2 * best.stage.fit.spread:
         best = None
     if not lacking or (best is not None and not more_than_noise(best.stage.plant, best.stage.fit)):
@@ -113,7 +114,7 @@ def _with_free_links(first: Stage) -> Otherwise | None:
     slopes = derivatives(free, at, sizes, np.arange(len(at)))
     stage = reweighed(Stage(free, refitted(free, at, sizes, first.fit.weights, slopes, steps=STEPS), sizes))
     changed = _changed(stage, at)
-    return Otherwise(LINKS, stage, changed) if changed and not more_than_noise(free, stage.fit) else None
+    return Otherwise(LINKS, first, stage, changed) if changed and not more_than_noise(free, stage.fit) else None
 
 
 def _as_declared(plant: DrivePlant, free: DrivePlant, values: Array) -> Array:
