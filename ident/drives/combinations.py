@@ -171,12 +171,14 @@ def separated_by(members: Sequence[Unknown]) -> str:
         advice.append("kd from the drive's settings, a log with another kd, or a log in which the velocity command dq_cmd varies")
     if any(u.place == "torque_scale" and u.unit in _PER_VOLT for u in members) and "kp" not in places:
         advice.append(
-            "torque_scale (torque constant over winding resistance) from the data sheet, a log with a known mass added, or one with current"
-            " or torque"
+            "torque_scale (torque constant over winding resistance) from the data sheet, a log with a known mass added (load in"
+            " [drive.by_log]), or one with current or torque"
         )
     elif scales := sorted({u.place for u in members if u.scale}):
         scale = scales[0]
-        advice.append(f"{scale} from the drive's settings, a log with a known mass added, or one with current or torque")
+        advice.append(
+            f"{scale} from the drive's settings, a log with a known mass added (load in [drive.by_log]), or one with current or torque"
+        )
     if {"back_emf", "viscous"} <= places:
         advice.append("free swings with the torque switched off (torque_enable 0)")
     if places & {"delay_s", "command_lag_s"}:

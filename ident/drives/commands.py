@@ -16,8 +16,9 @@ from ..logs.command_columns import command_of
 from ..logs.units import split_unit, unit_of
 from .clock import equal_steps
 from .first_state import first_state
+from .given import CommandForm, SupplyForm, VelocityCommand
 from .instants import rows_of_a_command
-from .law import CommandForm, DriveLaw, SupplyForm, VelocityCommand
+from .law import DriveLaw
 from .turns import joined_turns, of_the_same_turn
 
 if TYPE_CHECKING:

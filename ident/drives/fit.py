@@ -107,7 +107,7 @@ def notes_of(plant: DrivePlant) -> tuple[str, ...]:
 
 def scale_of_gains(plant: DrivePlant) -> tuple[str, ...]:
     """That the scale of everything is that of the URDF's links, where no gain of a joint is known."""
-    if not plant.law.links_known or not any(u.place in plant.law.scales for u in plant.unknowns):
+    if not plant.law.links_known or plant.law.loaded or not any(u.place in plant.law.scales for u in plant.unknowns):
         return ()
     text = (
         "gains are identified against the inertial parameters of the URDF's links: where these are wrong by a factor, gains, rotor inertia"

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from fnmatch import fnmatch
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._utils.text import counted
 from ..errors import ConfigurationError, UnsupportedError, unknown_name
 from ..logs.log import run_of
-from ..robots.tables import ENDLESS, LAW_CONSTANTS
+from ..robots.tables import LAW_CONSTANTS
+from .given import FORMS, IDENTIFY, NONE, CommandForm, SupplyForm, VelocityCommand, forms_of, of_a_log, per_joint
+from .loads import Load
 
 if TYPE_CHECKING:
     from ..robots.robot import Robot
     from ..robots.tables import DriveTable
 
 Array = np.ndarray
-#: What stands for a constant that is to be identified, and for one that a drive does not have.
-IDENTIFY, NONE = "identify", "none"
 #: The constants of a law, with what they are where nothing is said: a number, or to be identified.
 _GEARED: dict[str, float | str | None] = {
     "gear_loss": 0.0,
@@ -53,42 +51,12 @@ _FIXED: dict[str, dict[str, float]] = {
 }
 #: Constants of which "identify" means one number for all joints.
 SHARED = ("delay_s", "command_lag_s")
-#: Constants that may be negative.
-_SIGNED = ("integral_start",)
 #: Laws whose logs hold a torque or a current.
 MEASURED = ("torque", "current")
 
 
-class CommandForm(StrEnum):
-    """What a command is between two samples: held, or straight to the next."""
-
-    STAIRCASE = "staircase"
-    RAMP = "ramp"
-
-
-class VelocityCommand(StrEnum):
-    """The velocity that a drive is sent: as logged (0 where it is not), none, or the derivative of the position command."""
-
-    LOGGED = "logged"
-    ZERO = "zero"
-    DERIVATIVE = "derivative"
-
-
-class SupplyForm(StrEnum):
-    """The voltage that a drive's pulses are shares of: the logged readings, or their mean over the log.
-
-    A reading is of one instant, while the pulses of the drive draw on the supply and pump it up again thousands of times a second."""
-
-    LOGGED = "logged"
-    MEAN = "mean"
-
-
-#: What a law says besides constants, and of what kind it is.
-_FORMS: dict[str, type[StrEnum]] = {"command": CommandForm, "velocity_command": VelocityCommand, "supply": SupplyForm}
-
-
 #: What `[drive]` says of a law, as `DriveLaw.of` takes it.
-_KEYS = (*LAW_CONSTANTS, *_FORMS)
+_KEYS = (*LAW_CONSTANTS, *FORMS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +98,8 @@ class DriveLaw:
         Name of a log or pattern → what differs in that log.
     only_by_log : frozenset of str
         Constants that the law itself has no word of, and every entry of `by_log` a number.
+    load : Load, optional
+        A known body that a link carries beside its own: of the law of one log, by its `load` in `by_log`.
 
     Examples
     --------
@@ -151,6 +121,7 @@ class DriveLaw:
     by_log: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     joints: tuple[str, ...] = ()
     only_by_log: frozenset[str] = frozenset()
+    load: Load | None = None
 
     @classmethod
     def of(cls, robot: Robot, kind: str = "pd_position", *, links: str = "known", by_log: Any = None, **given: Any) -> DriveLaw:
@@ -162,7 +133,7 @@ class DriveLaw:
                 "[drive] law: each drive acts on one joint, and K couples joints. Log commands and positions of the joints, and give one"
                 " ratio for each ([drive] ratio = [1, …] for constants of rotors and friction at the joints), or fit to a measured torque."
             )
-        forms = {key: given.pop(key) for key in _FORMS if given.get(key) is not None}
+        forms = {key: given.pop(key) for key in FORMS if given.get(key) is not None}
         given = {key: value for key, value in given.items() if value is not None}
         constants, shared = {}, set()
         per_log = list((by_log or {}).values())
@@ -171,7 +142,7 @@ class DriveLaw:
             value = given.pop(key, default)
             if value is None and not all(key in table for table in per_log or [{}]):
                 raise ConfigurationError(f'[drive] law {kind!r} needs {key}: a number, one per joint, or "identify".')
-            constants[key] = _per_joint(key, IDENTIFY if value is None else value, robot)
+            constants[key] = per_joint(key, IDENTIFY if value is None else value, robot)
             if key in SHARED and isinstance(value, str):
                 shared.add(key)
         if given:
@@ -180,7 +151,7 @@ class DriveLaw:
             if foreign := set(table) & set(_FIXED.get(kind, ())):
                 raise unknown_name(f"constant of [drive] law {kind!r}", min(foreign), _DEFAULTS[kind])
         constants |= {key: np.full(robot.n, value) for key, value in _FIXED.get(kind, {}).items()}
-        checked = {name: _of_a_log(name, table, robot) for name, table in (by_log or {}).items()}
+        checked = {name: of_a_log(name, table, robot) for name, table in (by_log or {}).items()}
         law = cls(
             kind,
             constants,
@@ -191,7 +162,7 @@ class DriveLaw:
             only_by_log=frozenset(open_),
         )
         law._require_limit()
-        return replace(law, **_forms(forms))
+        return replace(law, **forms_of(forms))
 
     def _require_limit(self) -> None:
         """Raises ConfigurationError for a limit that falls with speed where there is none, or to nothing at no speed."""
@@ -278,8 +249,14 @@ class DriveLaw:
         law = self
         for pattern, table in self.by_log.items():
             if self.of_log(pattern, name):
-                law = replace(law, constants={**law.constants, **table["constants"]}, **table["forms"])
+                load = law.load if table["load"] is None else table["load"]
+                law = replace(law, constants={**law.constants, **table["constants"]}, load=load, **table["forms"])
         return law
+
+    @property
+    def loaded(self) -> bool:
+        """Whether links carry a known body in some log."""
+        return any(table["load"] is not None for table in self.by_log.values())
 
     @property
     def known(self) -> bool:
@@ -292,44 +269,11 @@ class DriveLaw:
         def plain(constants: Mapping[str, Array]) -> dict[str, list[Any]]:
             return {k: [IDENTIFY if np.isnan(x) else NONE if np.isinf(x) else float(x) for x in v] for k, v in constants.items()}
 
-        logs = {name: {**plain(t["constants"]), **{k: str(v) for k, v in t["forms"].items()}} for name, t in self.by_log.items()}
-        forms = {key: str(getattr(self, key)) for key in _FORMS}
+        logs: dict[str, Any] = {}
+        for name, t in self.by_log.items():
+            logs[name] = {**plain(t["constants"]), **{k: str(v) for k, v in t["forms"].items()}}
+            if t["load"] is not None:
+                logs[name]["load"] = t["load"].to_dict()
+        forms = {key: str(getattr(self, key)) for key in FORMS}
         own = {key: values for key, values in self.constants.items() if key not in self.only_by_log | self.fixed}
         return {"law": self.kind, **plain(own), **forms, "links": "known" if self.links_known else IDENTIFY, "by_log": logs}
-
-
-def _per_joint(key: str, value: Any, robot: Robot) -> Array:
-    """(n,), NaN where to be identified, infinite where there is none."""
-    own = key.rpartition(" ")[2]
-    choice = f'a number, "{IDENTIFY}", or "{NONE}"' if own in ENDLESS else f'a number or "{IDENTIFY}"'
-    if isinstance(value, Mapping):
-        for name in value:
-            robot.joint_index(name)
-        missing = [name for name in robot.joint_names if name not in value]
-        if missing:
-            raise ConfigurationError(f"[drive] {key}: joint {missing[0]!r} is missing from the table: give {choice}.")
-        value = [value[name] for name in robot.joint_names]
-    entries = list(value) if isinstance(value, list | tuple | np.ndarray) else [value] * robot.n
-    if len(entries) != robot.n:
-        raise ConfigurationError(
-            f"[drive] {key}: {counted(len(entries), 'value')}, but the robot has"
-            f" {counted(robot.n, 'joint')} ({', '.join(robot.joint_names)})."
-        )
-    said = {IDENTIFY: np.nan, "fit": np.nan} | ({NONE: np.inf} if own in ENDLESS else {})
-    for name, x in zip(robot.joint_names, entries, strict=True):
-        if isinstance(x, str) and x not in said:
-            raise ConfigurationError(f"[drive] {key} of joint {name!r} is {x!r}: give {choice}.")
-    found = np.array([said[x] if isinstance(x, str) else float(x) for x in entries])
-    if np.any(found < 0) and own not in _SIGNED:
-        raise ConfigurationError(f"[drive] {key} of joint {robot.joint_names[int(np.argmax(found < 0))]!r} is negative.")
-    return found
-
-
-def _forms(given: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: _FORMS[key](value) for key, value in given.items() if value is not None}
-
-
-def _of_a_log(name: str, table: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
-    forms = {key: value for key, value in table.items() if key in _FORMS}
-    constants = {key: _per_joint(f"by_log.{name} {key}", value, robot) for key, value in table.items() if key not in forms}
-    return {"constants": constants, "forms": _forms(forms)}

@@ -241,6 +241,8 @@ class DrivePlant:
             constants["integral_start"][:] = np.nan
         drive = {key: np.zeros((lanes, n)) for key in _DRIVE}
         inertial = None if self.law.links_known else np.zeros((lanes, 10 * self.robot.tree.nb))
+        if self.law.links_known and self.law.loaded:
+            inertial = np.tile(self.nominal, (lanes, 1))
         first = next((part.start for e, part in zip(self.model.effects, self.model.slices, strict=True) if isinstance(e, RigidBody)), 0)
         label = self.labels[self.logs.index(log)]
         for unknown, values in zip(self.unknowns, sets.T, strict=True):
@@ -255,6 +257,8 @@ class DrivePlant:
                 own = constants[unknown.place]
                 at = slice(None) if unknown.joint < 0 else [unknown.joint]
                 own[:, at] = np.where(np.isnan(own[:, at]), values[:, None], own[:, at])
+        if inertial is not None and law.load is not None:
+            inertial += law.load.parameters(self.robot)
         return {key: np.nan_to_num(x, nan=0.0, posinf=np.inf) for key, x in constants.items()}, drive, inertial
 
 

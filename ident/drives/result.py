@@ -21,7 +21,8 @@ from ..logs.runs import whole_runs
 from .begun import begun
 from .commands import DriveLog
 from .determined import Determination, Standing
-from .law import IDENTIFY, SHARED, DriveLaw
+from .given import IDENTIFY
+from .law import SHARED, DriveLaw
 from .plant import DrivePlant
 from .text import summary
 from .unknowns import CONSTANTS, Unknown, unknowns

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .law import CommandForm
+from .given import CommandForm
 
 Array = np.ndarray
 

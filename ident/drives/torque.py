@@ -30,6 +30,11 @@ def with_torque(logs: LogSet, law: DriveLaw, robot: Robot) -> LogSet:
 
 
 def _of(log: Log, law: DriveLaw, robot: Robot) -> Log:
+    if law.load is not None:
+        raise ConfigurationError(
+            f"log {log.name}: the load in [drive.by_log] counts in fits by simulation (`ident fit` without --method); here it would"
+            " be taken for the links' own."
+        )
     unknown = [key for key in law.constants if law.unknown(key) or (key == "integral_start" and log.t[0] > log.began)]
     unknown = [key for key in unknown if key != "integral_start" or law.integrates.any()]
     if unknown == ["integral_start"]:

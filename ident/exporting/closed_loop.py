@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..drives.law import VelocityCommand
+from ..drives.given import VelocityCommand
 from ..errors import ConfigurationError
 
 if TYPE_CHECKING:

@@ -87,6 +87,18 @@ def _signs(value: Any) -> tuple[float, ...]:
 described(_signs, {"anyOf": [{"enum": [1, -1]}, {"type": "array", "items": {"enum": [1, -1]}, "minItems": 1}]})
 
 
+def load(value: Any) -> Mapping[str, Any]:
+    """A known body that a link carries, as a table."""
+    if not isinstance(value, Mapping):
+        raise Unfit('a table such as { joint = "joint1", mass = 0.5, com = [0, 0, -0.2] }')
+    return dict(value)
+
+
+_three, _six = ({"type": "array", "items": NUMBER, "minItems": k, "maxItems": k} for k in (3, 6))
+_body = {"joint": {"type": "string"}, "mass": {**NUMBER, "exclusiveMinimum": 0}, "com": _three, "inertia": _six}
+described(load, {"type": "object", "properties": _body, "required": ["joint", "mass", "com"], "additionalProperties": False})
+
+
 @dataclass(frozen=True)
 class RobotTable:
     """`[robot]`: which robot, and how it stands. None: as the robot's own description has it.
@@ -141,7 +153,8 @@ class DriveTable:
     What a drive makes of its commands, for logs without torque (`ident.drives`): `law` and its constants (each a number, numbers
     per joint, a table by joint, "identify", or, of `ENDLESS`, "none"); `command`, `velocity_command`: what happens between and beside
     the logged commands; `supply`: which voltage of a drive that is sent pulses;
-    `links`: "known" (the URDF's inertials are right) or "identify"; `by_log`: name or pattern of a log → constants of that log."""
+    `links`: "known" (the URDF's inertials are right) or "identify"; `by_log`: name or pattern of a log → constants of that log, and `load`:
+    a known body that a link carries there."""
 
     measured: str | None = None
     ratio: tuple[float, ...] | None = None
@@ -197,7 +210,7 @@ class DriveTable:
         "links": one_of("known", "identify"),
         "by_log": described(
             table_of(lambda value: value, "a table of log = constants"),
-            {"type": "object", "additionalProperties": of_table({key: of_kind(kind) for key, kind in OF_A_LOG.items()})},
+            {"type": "object", "additionalProperties": of_table({key: of_kind(kind) for key, kind in (*OF_A_LOG.items(), ("load", load))})},
         ),
     }
 
@@ -206,7 +219,7 @@ class DriveTable:
         """From a TOML table."""
         values = check_table(data, cls.SCHEMA, "drive", where)
         for name, table in values.get("by_log", {}).items():
-            values["by_log"][name] = check_table(table, cls.OF_A_LOG, f"drive.by_log.{name}", where)
+            values["by_log"][name] = check_table(table, {**cls.OF_A_LOG, "load": load}, f"drive.by_log.{name}", where)
         if "ratio" in values and "K" in values:
             raise ConfigurationError(f"{where}: [drive] has both ratio and K; give one of them.")
         return cls(**values)

@@ -15,7 +15,7 @@ import ident
 from benchmarks.actuators import commanded
 from benchmarks.actuators.commanded import commanded_log
 from ident.drives import DriveFit, DriveLaw, fit_drives
-from ident.drives.law import CommandForm
+from ident.drives.given import CommandForm
 from ident.drives.sent import at_instants, means
 from ident.drives.torque import with_torque
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...drives.law import SHARED, DriveLaw, VelocityCommand
+from ...drives.given import VelocityCommand
+from ...drives.law import SHARED, DriveLaw
 from ...drives.plant import DrivePlant
 from ...drives.starts import largest_asked, starts
 from ...drives.unknowns import CONSTANTS

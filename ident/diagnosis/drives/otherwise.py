@@ -10,7 +10,8 @@ import numpy as np
 
 from ...drives.fit import result_of
 from ...drives.folds import held_out
-from ...drives.law import CommandForm, DriveLaw, VelocityCommand
+from ...drives.given import CommandForm, VelocityCommand
+from ...drives.law import DriveLaw
 from ...drives.nearby import approached, refitted
 from ...drives.plant import DrivePlant
 from ...drives.residual import more_than_noise
