@@ -25,14 +25,16 @@ class FreeLinks:
         self.robot, self._lanes = robot, len(parameters)
         # Most lanes of a derivative differ in the drives alone.
         sets, of = np.unique(parameters, axis=0, return_inverse=True)
-        self._each = [(np.flatnonzero(of.reshape(-1) == i), RigidDynamics(robot, one)) for i, one in enumerate(sets)]
+        lanes = [np.flatnonzero(of.reshape(-1) == i) for i in range(len(sets))]
+        self._each = [(at, RigidDynamics(robot, one)) for at, one in zip(lanes, sets, strict=True) if np.isfinite(one).all()]
 
     def single(self) -> SingleLink | None:
         return _single(self.terms, self._lanes) if self.robot.n == 1 else None
 
     def terms(self, q: Array, dq: Array) -> tuple[Array, Array]:
         lanes, n = q.shape
-        H, c = np.empty((lanes, n, n)), np.empty((lanes, n))
+        # A step of a search may have led out of every number: its lane is lost.
+        H, c = np.full((lanes, n, n), np.nan), np.full((lanes, n), np.nan)
         for at, links in self._each:
             H[at], c[at] = links.terms(q[at], dq[at])
         return H, c

@@ -112,8 +112,16 @@ def _with_free_links(first: Stage) -> Otherwise | None:
     free = replace(plant, law=replace(law, links_known=False))
     _, sizes = starts(free)
     at = _as_declared(plant, free, first.fit.values)
-    slopes = derivatives(free, at, sizes, np.arange(len(at)))
-    stage = reweighed(Stage(free, refitted(free, at, sizes, first.fit.weights, slopes, steps=STEPS), sizes))
+    near, everything = replace(first.fit, values=at), np.arange(len(at))
+    # So many unknowns make a search to the end long: it goes on while a few steps, from derivatives made anew, halve the error.
+    while True:
+        before = near.cost
+        near = approached(free, near.values, sizes, first.fit.weights, derivatives(free, near.values, sizes, everything), steps=STEPS)
+        if not more_than_noise(free, near):
+            break
+        if not near.cost < 0.5 * before:
+            return None
+    stage = reweighed(Stage(free, near, sizes))
     changed = _changed(stage, at)
     return Otherwise(LINKS, first, stage, changed) if changed and not more_than_noise(free, stage.fit) else None
 
