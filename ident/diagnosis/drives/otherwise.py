@@ -60,7 +60,7 @@ def otherwise(first: Stage, ends: list[tuple[Screened, Stage]]) -> Otherwise | N
     lacking = more_than_noise(first.plant, first.fit) and not any_leaves_noise(ends)
     forms = [form for form in (_with_velocities(first.plant), _with_other_command(first.plant)) if form is not None]
     least = min((end.fit.cost for _, end in ends), default=first.fit.cost)
-    fitted = ((effect, _fitted(first, plant, least, thorough=lacking)) for effect, plant in forms)
+    fitted = ((effect, _fitted(first, plant, least, _starts(plant) if lacking else [])) for effect, plant in forms)
     best = min((Otherwise(effect, first, stage, {}) for effect, stage in fitted if stage), key=lambda one: one.stage.fit.cost, default=None)
     if best is not None and not least - best.stage.fit.cost > SIGNIFICANT**2 * best.stage.fit.spread:
         best = None
@@ -91,11 +91,16 @@ def _by_log(law: DriveLaw) -> bool:
     return any(table["forms"] for table in law.by_log.values())
 
 
-def _fitted(first: Stage, plant: DrivePlant, least: float, *, thorough: bool) -> Stage | None:
-    """A plant with the same unknowns, fitted with the weights of the first: near by, and if it is to be `thorough`, from every start. None
-    where a few steps do not come below a cost of `least`."""
+def _starts(plant: DrivePlant) -> list[Array]:
+    """Where a fit's coarse search from every start ends, (p,)."""
+    return [begun(plant, *starts(plant))]
+
+
+def _fitted(first: Stage, plant: DrivePlant, least: float, further: list[Array]) -> Stage | None:
+    """A plant with the same unknowns, fitted with the weights of the first from its values on and from `further` ones (p,). None where few
+    steps do not come below a cost of `least`."""
     weights, sizes, everything = first.fit.weights, first.sizes, np.arange(len(first.sizes))
-    ends = [first.fit.values, *([begun(plant, *starts(plant))] if thorough else [])]
+    ends = [first.fit.values, *further]
     near = [approached(plant, at, sizes, weights, derivatives(plant, at, sizes, everything)) for at in ends]
     best = min(near, key=lambda fit: fit.cost)
     if not best.cost < least:
